@@ -7,7 +7,7 @@ turbid water, and small white targets. Their contrasts are relative to the water
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import cv2
 import numpy as np
@@ -139,8 +139,7 @@ def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
 def _targets(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
     """Contrast (row, column) of targets: 1 in squares of 2 x 2 pixels, about 24 pixels apart; 0 elsewhere."""
     out = np.zeros(shape, np.float32)
-    for row in range(12, shape[0] - 2, 24):
-        for column in range(12, shape[1] - 2, 24):
-            r, c = row + int(rng.integers(-4, 5)), column + int(rng.integers(-4, 5))
-            out[r : r + 2, c : c + 2] = 1.0
+    for row, column in product(*(range(12, n - 2, 24) for n in shape)):
+        r, c = row + int(rng.integers(-4, 5)), column + int(rng.integers(-4, 5))
+        out[r : r + 2, c : c + 2] = 1.0
     return out

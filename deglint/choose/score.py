@@ -100,13 +100,11 @@ def partners(setting: Setting, unit: Float32) -> dict[int, int]:
     result is empty if the times of the bands are not known. `unit` is as in `powers`.
     """
     judged, times, waves = np.flatnonzero(np.isfinite(unit)), setting.offsets, setting.wavelengths
-    found: dict[int, int] = {}
     if times is None:
-        return found
-    for b in judged:
-        if len(other := judged[np.abs(times[judged] - times[b]) >= LASTS]):
-            found[int(b)] = int(other[np.argmin(np.nan_to_num(np.abs(waves[other] - waves[b]), nan=np.inf))])
-    return found
+        return {}
+    others = {b: judged[np.abs(times[judged] - times[b]) >= LASTS] for b in judged.tolist()}
+    away = np.nan_to_num(np.abs(waves[:, None] - waves), nan=np.inf)  # (band, band) [nm]
+    return {b: int(some[away[b, some].argmin()]) for b, some in others.items() if some.size}
 
 
 def least_signal(
@@ -141,11 +139,10 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
     out = []
     for planes, mask in zip(glint, inside, strict=True):
         clear = np.zeros((len(planes), len(SCALES) - 1, *mask.shape), np.bool_)
-        for b, plane in enumerate(planes):
-            for i, (side, share) in enumerate(zip(SCALES[1:], _shares(mask), strict=True)):
+        for i, (side, share) in enumerate(zip(SCALES[1:], _shares(mask), strict=True)):
+            for b, plane in enumerate(planes if mask.any() else ()):
                 around = cv2.blur(np.where(mask, plane, np.float32(0)), (side, side)) / share
-                if mask.any():
-                    clear[b, i] = mask & (around <= np.percentile(around[mask], LEAST_GLINT_PERCENT))
+                clear[b, i] = mask & (around <= np.percentile(around[mask], LEAST_GLINT_PERCENT))
         out.append(clear)
     return out
 
@@ -174,12 +171,8 @@ def level_excess(
     opened : for each recipe, whether it contains an opening; None for a copy, whose excess is 0
     """
     judged, average = np.flatnonzero(np.isfinite(unit)), np.mean if delayed else np.median
-    levels = np.array(
-        [
-            [average(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
-            for images in results
-        ]
-    )
+    pixels = (np.concatenate([i[:, m] for i, m in zip(images, inside, strict=True)], axis=1) for images in results)
+    levels = np.array([[average(values[b]) for b in judged] for values in pixels])
     excess = np.zeros(len(results))
     for kind in (True, False):
         own, other = (np.array([o is k for o in opened]) for k in (kind, not kind))

@@ -95,8 +95,7 @@ class Choice:
     @property
     def why(self) -> str:
         """Reason why the best candidate was chosen."""
-        trial = self.trial
-        if trial is None:
+        if (trial := self.trial) is None:
             return "there is too little water to try others, or its values are too large"
         near = trial.error <= EQUAL_ERRORS * min(t.error for t in self.trials)
         how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error" if near else "that openings hardly improve"
@@ -221,23 +220,28 @@ def _judged(
     """
     runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
+    partner_of, results = partners(setting, unit), [r.images for r in runs.values()]
 
     def measured(candidate: Candidate) -> Trial:
         plain, marked = (run.images for run in pairs[candidate])
         responses = [b - a for a, b in zip(plain, marked, strict=True)]
         return Trial(candidate, tuple(powers(plain, inside, unit).tolist()), gains(responses, added, inside, unit))
 
+    def shared(clear: Sequence[Mask]) -> Float64:
+        """Power that bands share with their partners, (recipe, scale); over all pixels if `clear` is empty."""
+        return np.array(list(each(lambda images: powers(images, inside, unit, clear, partner_of), results)))
+
     trials = list(each(measured, pairs))
     left, spectrum = np.array([t.power for t in trials]), _spectrum(setting)
     errors = expected_errors(
         left,
-        _limits(left, runs, inside, unit, setting, each),
+        (shared(()) if partner_of else left, shared(_clear(runs, inside))),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         0.0 if spectrum is None else _own_signal(sample, inside, unit, setting, spectrum),
         EDGES if setting.delayed else 0.0,  # of simultaneous bands openings erase small signals, as `REPLACING` says
     )
-    results, opened = [r.images for r in runs.values()], [c.opens for c in runs]
+    opened = [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):
         kinds = [None if c.method == "copy" else c.opens for c in runs]
         errors = np.hypot(errors, LEVEL_FAULT * level_excess(results, inside, unit, kinds, setting.delayed))
@@ -248,23 +252,6 @@ def _judged(
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
 
 
-def _limits(
-    power: Float64,
-    runs: dict[Candidate, _Run],
-    inside: Sequence[Mask],
-    unit: Float32,
-    setting: Setting,
-    each: Callable[..., Iterable[Any]],
-) -> tuple[Float64, Float64]:
-    """Argument `limits` of `expected_errors`; `power`, (recipe, scale), is the power over all pixels."""
-    partner_of, images = partners(setting, unit), [r.images for r in runs.values()]
-
-    def of(clear: Sequence[Mask]) -> Float64:
-        return np.array(list(each(lambda i: powers(i, inside, unit, clear, partner_of), images)))
-
-    return of(()) if partner_of else power, of(_clear(runs, inside))
-
-
 def _spectrum(setting: Setting) -> Float32 | None:
     """Glint in each band, (band,), divided by that in the NIR; None if a wavelength is not in 300 to 1000 nm."""
     if (setting.colour == 1).all():
@@ -272,9 +259,7 @@ def _spectrum(setting: Setting) -> Float32 | None:
     return np.maximum(setting.colour / setting.colour[setting.nir[0]], 1)  # of radiance or reflectance, the larger
 
 
-def _own_signal(
-    sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32
-) -> Float64 | float:
+def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32) -> Float64:
     """Result of `least_signal`, (scale,), for bands limited to their percentile `OFTEN`: flashes of sparkle, where they
     are few, may all miss the time of the NIR.
     """

@@ -31,9 +31,8 @@ class PSF:
     kernel: Float64 = field(repr=False)
 
     def __post_init__(self) -> None:
-        side = len(self.kernel)
-        if self.kernel.shape != (side, side) or side % 2 == 0:
-            shape = self.kernel.shape
+        side, shape = len(self.kernel), self.kernel.shape
+        if shape != (side, side) or side % 2 == 0:
             raise InputError(f"a PSF must be square with an odd side, such as (9, 9), got {shape}. Pad it with zeros.")
         if not np.isfinite(self.kernel).all() or self.kernel.min() < 0 or self.kernel[side // 2, side // 2] <= 0:
             raise InputError("a PSF must be finite, nowhere negative, and positive in the middle.")

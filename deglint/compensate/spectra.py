@@ -4,7 +4,7 @@ A target is either painted (its spectrum has steep edges), or grey and under 0 t
 targets are not needed: an image with eight bands does not resolve the details of such spectra.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -132,9 +132,12 @@ def likelihoods(e: Float32, of: list[Model]) -> tuple[Float32, Places]:
     of : the models of a target that `models` returns, or those of a flash that `flashes` returns
     """
     likelihood, kind = np.empty(e.shape[1], np.float32), np.empty(e.shape[1], np.intp)
-    for n, i, x in _pairs(e):
+    level, (row, column) = brightness(e), np.triu_indices(len(e))
+    for n in np.unique(level):
+        i = np.flatnonzero(level == n)
+        x = e[:, i] * np.float32(0.5**n)
         form, constant, _ = of[n]
-        p = constant - form @ x
+        p = constant - form @ (x[row] * x[column])  # e_i e_j / 4**n for bands i <= j, (pair, pixel)
         likelihood[i], kind[i] = p.max(axis=0), p.argmax(axis=0)
     return likelihood, kind
 
@@ -150,15 +153,6 @@ def lasting_flashes(
     ratios = np.clip(flash - np.stack([target, np.maximum(target, white)]), -UNEXPLAINED, UNEXPLAINED)
     frequent = unexplained.any() and (ratios[:, unexplained].mean(axis=1) > (LIKELIER, CHANGING)).all()
     return np.asarray(unexplained & (ratios[0] > 0) & frequent)
-
-
-def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
-    """Yield for each brightness 2**n: n, indices of its pixels, and e_i e_j / 4**n for bands i <= j, (pair, pixel)."""
-    level, (row, column) = brightness(e), np.triu_indices(len(e))
-    for n in np.unique(level):
-        i = np.flatnonzero(level == n)
-        x = e[:, i] * np.float32(0.5**n)
-        yield int(n), i, x[row] * x[column]
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:

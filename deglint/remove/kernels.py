@@ -254,9 +254,7 @@ def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64, Fl
     the loss are their means, weighted by pixels. With fewer than two groups, the standard error of a response is the
     response itself.
     """
-    share = np.zeros(bands)
-    for f in found:
-        share[f.bands] += f.pixels
+    share = np.sum([f.pixels * np.bincount(f.bands, minlength=bands) for f in found], axis=0)
     groups = min((len(f.left_out) for f in found), default=0)
     response, loss, left_out = np.zeros(bands), np.zeros(bands), np.zeros((groups, bands))
     for f in found:

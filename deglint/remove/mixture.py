@@ -67,10 +67,8 @@ def fit(
     model, every = _fitted(request, tiles, nir, longer), (*nir, *longer)
     measured = (fit_reference(((t.block[r], t.sample) for t in tiles), r) for r in every)
     rules = tuple(replace(rule, limit=np.inf, least=np.inf) for rule in measured)  # no pixel is too bright for glint
-    parts = []
-    for tile in tiles:
-        references = {r: tile.block[r] for r in every}
-        parts.append(np.stack([p[tile.sample] for p in predictions(references, model)]))
+    references = ({r: t.block[r] for r in every} for t in tiles)
+    parts = [[p[t.sample] for p in predictions(r, model)] for r, t in zip(references, tiles, strict=True)]
     found = np.concatenate(parts, axis=1)
     together = found.sum(axis=0)
     least = together <= np.percentile(together, max(100 * clear, CLEAR if span_of(together) < SKEWED else LEAST_GLINT))

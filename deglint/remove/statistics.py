@@ -110,22 +110,16 @@ def gather(
     variables: FloatArray = np.stack(found, dtype=block.dtype, casting="same_kind")
     mask = mask & np.isfinite(variables).all(axis=0)
     inner = slice(crop[0], mask.shape[0] - crop[1]), slice(crop[2], mask.shape[1] - crop[3])
-    cells = None
+    raw = cells = cell_moments(variables[:, *inner], mask[inner], origin=origin)
     if plan.detrend_size:
         cells = cell_moments(detrend(variables, mask, plan.detrend_size)[:, *inner], mask[inner], origin=origin)
     variables, mask = variables[:, *inner], mask[inner]
+    darkest, brightest = (_extremes(variables, mask, first, origin, sign) for sign in (1, -1))
     kept = thinned(mask, origin, plan.share) if plan.keep != "nothing" else np.zeros_like(mask)
     rows, columns = np.nonzero(kept)
-    raw = cell_moments(variables, mask, origin=origin)
-    return SampleStatistics(
-        plan,
-        raw,
-        raw if cells is None else cells,
-        darkest=_extremes(variables, mask, first, origin, 1),
-        brightest=_extremes(variables, mask, first, origin, -1),
-        places=np.stack([rows + origin[0], columns + origin[1]]),
-        values=variables[0 if plan.keep == "all" else first :, rows, columns],
-    )
+    places = np.stack([rows + origin[0], columns + origin[1]])
+    values = variables[0 if plan.keep == "all" else first :, rows, columns]
+    return SampleStatistics(plan, raw, cells, darkest, brightest, places, values)
 
 
 def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatistics:

@@ -351,18 +351,17 @@ def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequen
 
     slopes = np.array([f.slope for f in model.fits])[some]
     parts: list[tuple[npt.NDArray[Any], ...]] = []
-    for tile in cleaned:
-        if tile.sample.any():
-            found = np.stack(list(predictions(tile.references, model, tile.origin)))[some]
-            together = np.tensordot(slopes, found, 1)
-            mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
-            binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
-            bands = np.stack(tile.bands)[some]
-            weight = np.maximum(box_sum(tile.sample.astype(np.float64), side), 1.0)
-            excess = np.where(tile.sample, found - bands / slopes[:, None, None], 0.0)
-            local = np.stack([box_sum(e, side) for e in excess]) / weight
-            planes = (found, bands, mean, binomial, local, apart_from_sparkle(together, tile.sample))
-            parts.append(tuple(p[..., tile.sample] for p in planes))
+    for tile in (t for t in cleaned if t.sample.any()):
+        found = np.stack(list(predictions(tile.references, model, tile.origin)))[some]
+        together = np.tensordot(slopes, found, 1)
+        mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
+        binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
+        bands = np.stack(tile.bands)[some]
+        weight = np.maximum(box_sum(tile.sample.astype(np.float64), side), 1.0)
+        excess = np.where(tile.sample, found - bands / slopes[:, None, None], 0.0)
+        local = np.stack([box_sum(e, side) for e in excess]) / weight
+        planes = (found, bands, mean, binomial, local, apart_from_sparkle(together, tile.sample))
+        parts.append(tuple(p[..., tile.sample] for p in planes))
     return LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
 
 
