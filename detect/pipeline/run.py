@@ -308,7 +308,7 @@ def _removal_without_effect(plan: Plan) -> str | None:
         return None
     try:
         made = read_json(f"{plan.scene.path}.json", "sidecar")
-        model = made["model"]
+        model, method = made["model"], made["model"]["method"]
         kept = {model["band_names"][b] for index in model["indexes"] for b in index["bands"]} <= set(plan.names)
         pointwise = not made["compensation"]["chain"] and not any(index["offsets"] for index in model["indexes"])
         affine = pointwise and bool(model["fits"]) and not made["pixels"]["protected"]
@@ -317,6 +317,6 @@ def _removal_without_effect(plan: Plan) -> str | None:
     if not (affine and kept):
         return None
     return (
-        f"{plan.recipe.method} scores do not change under {model['method']} as long as the NIR is among the bands: "
+        f"{plan.recipe.method} scores do not change under {method} as long as the NIR is among the bands: "
         "these are the scores of the glinted scene. For the removal to count, leave the NIR out with -b"
     )

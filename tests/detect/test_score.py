@@ -291,6 +291,13 @@ def test_a_deglinted_scene_is_told_that_rx_is_blind_to_it(rxdetect, deglint, sce
     rxdetect("score", scene, tmp_path / "raw.tif", "--method", "rx")
     rxdetect("score", clean, out, "--overwrite", "--method", "rx")
     np.testing.assert_allclose(scores_of(out), scores_of(tmp_path / "raw.tif"), rtol=2e-3)
+    sidecar = tmp_path / "clean.tif.json"
+    numbers = json.loads(sidecar.read_text())
+    del numbers["model"]["method"]  # as another program may write it
+    sidecar.write_text(json.dumps(numbers))
+    ran = rxdetect("score", clean, out, "--overwrite", "--method", "rx")
+    assert ran.code == 0
+    assert line not in ran.err
 
 
 def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
