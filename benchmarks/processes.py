@@ -32,16 +32,15 @@ def in_turns(
     commands: Mapping[str, Sequence[str]],
     rounds: int,
     cleanup: Sequence[str] = (),
-    environment: Mapping[str, str] | None = None,
 ) -> dict[str, list[Run] | str]:
     """Run every command once a round, so that all commands see the same machine.
 
-    Files that fit the patterns of `cleanup` are removed after every run, outside the measured time; `environment` adds
-    variables. Gives runs by name; for a command that failed, the last line that it wrote.
+    Files that fit the patterns of `cleanup` are removed after every run, outside the measured time. Gives runs by name;
+    for a command that failed, the last line that it wrote.
     """
     job = {"commands": {k: list(v) for k, v in commands.items()}, "rounds": rounds, "cleanup": list(cleanup)}
     path = os.pathsep.join([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]).rstrip(os.pathsep)
-    settings = os.environ | {"PYTHONPATH": path} | dict(environment or {})
+    settings = os.environ | {"PYTHONPATH": path}
     settings.pop("PYTHONDONTWRITEBYTECODE", None)  # else modules that are not installed are compiled at every start
     done = subprocess.run([sys.executable, "-I", "-S", str(Path(__file__).with_name("_launch.py"))], text=True,
                           input=json.dumps(job), stdout=subprocess.PIPE, env=settings, check=True)  # fmt: skip

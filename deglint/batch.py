@@ -178,7 +178,9 @@ def state_of(job: Job) -> tuple[str, str]:
             return FAILED, f"{image} was made of another state of the scene"
     if changed := [path for path, said in outputs.items() if not is_as(path, said)]:
         return FAILED, f"{changed[0]} is not as it was made"
-    return (TODO, "was stopped while it was moved into place") if len(there) < len(every) else (FINISHED, "")
+    if len(there) < len(every):
+        return TODO, "was stopped while it was moved into place"
+    return FINISHED, ""
 
 
 def run_batch(

@@ -15,13 +15,13 @@ from ..moments import Float64
 from ..morphology import grown
 from ..remove.detrend import LOCAL_MEAN
 from ..remove.levels import even_share
+from ..remove.mixture import WATER_PERCENTILE
 from ..remove.noise import noise, spread
 from ..remove.reference import OFTEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import EDGES, erased, expected_errors, least_glint, least_signal, level_excess, partners, powers
 
-WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint (water level) [%]
 EQUAL_ERRORS = 1.1
 """Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen. Expected
 errors are wrong by a factor of 1.5 in the median, so that a smaller difference of two candidates may be chance."""

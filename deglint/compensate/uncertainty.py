@@ -5,10 +5,10 @@ r"""Standard errors of the pixels of a compensated image, from the scene itself.
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
 standard error of the glint-free NIR. Where stages before the removal replaced glint, the error variance of the water,
 :math:`\sigma_w^2`, is measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to
-the compensated image, and the chain is run again. In bands that the removal does not correct, such as the NIR that it
-follows, faint glint is left: the square of the excess over water without glint is added. Elsewhere the variance comes
-from the stage `posterior` if the chain has it, else it is the variance of noise and, if no stage replaces glint, of the
-glint that the removal left.
+the compensated image, and the chain is run again. Elsewhere the variance comes from the stage `posterior` if the chain
+has it, else it is the variance of noise and, if no stage replaces glint, of the glint that the removal left. In bands
+that the removal does not correct, such as the NIR that it follows, faint glint is left: the square of the excess over
+water without glint is added.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects that an opening removes do not increase the standard error.
@@ -20,10 +20,12 @@ Efron, Tibshirani (1993), An Introduction to the Bootstrap, doi:10.1201/97804292
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import cv2
 import numpy as np
 
+from ..remove.mixture import WATER_PERCENTILE
 from ..remove.model import GlintModel
 from ..remove.noise import noise
 from . import posterior
@@ -34,9 +36,7 @@ SPAN = 7  # side of the window for the local range of a background [pixel]: erro
 LEAST_R2 = 0.25
 """Lower limit of R2, for the standard error of a slope: where glint explains less of a band's variance, the rest is
 mostly signal of the water. With this limit, the true slope is at most twice the fitted slope."""
-WATER_PERCENTILE, ABOVE_LOW = 10.0, 1.2816
-"""Water without glint: this percentile of a band after all stages [%], which noise lowers by 1.2816 standard deviations
-(those of the normal distribution)."""
+ABOVE_LOW = NormalDist().inv_cdf(1 - WATER_PERCENTILE / 100)  # by which normal noise lowers the percentile [sigma]
 LEAST_BACKGROUND_VARIANCE = 0.25
 """Lower limit of the variance of a background, relative to the variance of noise: it comes from few pixels."""
 

@@ -33,8 +33,8 @@ REWEIGHTED = 5  # iterations of reweighting: the error on simulated seas changes
 LEAST_LEFT = 0.1  # lower limit of the mean square residual of a square, relative to the median: none may dominate
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
-PLUME, PLUME_PERCENTILE = 0.5, 10.0
-"""Brightness of a plume relative to the water, and percentile of a band that estimates the water [%]."""
+PLUME = 0.5  # brightness of a plume relative to the water
+WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint [%]
 SKEWED, CLEAR = 0.15, 1.0
 """If the span of the predictions (see `levels.MOSTLY_CLEAR`) is less than `SKEWED`, some water has no glint, and its
 share is set to at least `CLEAR` %."""
@@ -123,7 +123,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
     """Share of an added plume that a removal with references `nir` and `more` (0-based) keeps; minimum over bands."""
     bands = range(len(request.bands))
-    level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
+    level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])
     plume = PLUME * np.maximum(level, 0) * np.interp(waves, *TURBID.T)
     turbid = []

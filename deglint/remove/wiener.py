@@ -72,10 +72,9 @@ class _Cleaned:
     origin: tuple[int, int]  # row and column of the tile in the scene
 
 
-class _KernelTile(NamedTuple):
-    """A sample tile with what the fit of kernels needs."""
+class _KernelPlanes(NamedTuple):
+    """What the fit of kernels needs of a sample tile."""
 
-    tile: _Cleaned
     sample: Mask  # (row, column): pixels for the kernels
     flat: Float64  # (plane, row, column): references, then bands, minus local planes over `sample` unless "ols"
     weights: dict[int, FloatArray]  # (row, column) by NIR band: weight of each pixel in a fit to faint glint, else {}
@@ -87,7 +86,7 @@ class Prepared(NamedTuple):
     request: FitRequest
     rules: dict[int, ReferenceRule]
     tiles: list[_Cleaned]
-    kernel_tiles: list[_KernelTile]
+    planes: list[_KernelPlanes]  # of each tile
     notes: tuple[str, ...]  # warnings for the model
 
 
@@ -121,8 +120,8 @@ def prepare(request: FitRequest, tiles: Sequence[SampleTile]) -> Prepared:
     rules = _rules(request, tiles, list(dict.fromkeys(r for s in band_sets(request) for r in s.references)))
     cleaned = [_cleaned(tile, request, rules) for tile in tiles]
     inside = _trusted(cleaned, request)
-    of_kernels = [_kernel_tile(t, i, request) for t, i in zip(cleaned, inside, strict=True)]
-    return Prepared(request, rules, cleaned, of_kernels, notes)
+    planes = [_kernel_planes(t, i, request) for t, i in zip(cleaned, inside, strict=True)]
+    return Prepared(request, rules, cleaned, planes, notes)
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # as in `fit`
@@ -130,9 +129,9 @@ def fit_without_levels(
     ready: Prepared, *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
 ) -> tuple[GlintModel, Float64]:
     """Fit the model of `fit` to a prepared sample, with levels 0; also return the slopes of glint alone, (band,)."""
-    request, rules, _, kernel_tiles, notes = ready
+    request, rules, tiles, planes, notes = ready
     sets = band_sets(request)
-    grams = [_gathered(s, kernel_tiles) for s in sets]
+    grams = [_gathered(s, tiles, planes) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
             "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample or --mask "
@@ -188,15 +187,15 @@ def _kinds(
 ) -> tuple[npt.NDArray[np.int64], Mask]:
     """Positions of a tile's squares, (square, 2); mask (square,) where the second kernel of `pair` predicts better."""
     cleaned = _cleaned(tile, request, rules)
-    grams = _gathered(band_sets(request)[0], [_kernel_tile(cleaned, cleaned.sample, request)])
+    grams = _gathered(band_sets(request)[0], [cleaned], [_kernel_planes(cleaned, cleaned.sample, request)])
     return grams.places, second_is_better(grams, pair)
 
 
-def _gathered(band_set: BandSet, tiles: Sequence[_KernelTile]) -> LagGrams:
+def _gathered(band_set: BandSet, tiles: Sequence[_Cleaned], planes: Sequence[_KernelPlanes]) -> LagGrams:
     """Gram matrices of squares for a set of bands."""
     sides = [max(s[k] for s in band_set.supports if len(s) > k) for k in range(len(band_set.references))]
     parts = []
-    for tile, sample, flat, weights in tiles:
+    for tile, (sample, flat, weights) in zip(tiles, planes, strict=True):
         of_reference = [flat[list(tile.references).index(r)] for r in band_set.references]
         of_band, weight = [flat[len(tile.references) + b] for b in band_set.bands], weights.get(band_set.references[0])
         parts.append(gather(of_reference, of_band, sample, sides=sides, origin=tile.origin, weight=weight))
@@ -270,13 +269,13 @@ def _trusted(cleaned: Sequence[_Cleaned], request: FitRequest) -> list[Mask]:
     return inside if any(any(kernel_squares(i)) for i in inside) else every
 
 
-def _kernel_tile(tile: _Cleaned, sample: Mask, request: FitRequest) -> _KernelTile:
+def _kernel_planes(tile: _Cleaned, sample: Mask, request: FitRequest) -> _KernelPlanes:
     """Subtract local planes from a tile, and weight its pixels, for a fit of kernels to the pixels `sample`."""
     flat = np.stack([*tile.references.values(), *tile.bands]).astype(np.float64)
     if request.regression != "ols":
         flat = detrend_plane(flat, sample)
     weights = {r: faint_weight(tile.references[r], tile.sample) for r in {*request.nir}} if request.faint else {}
-    return _KernelTile(tile, sample, flat, weights)
+    return _KernelPlanes(sample, flat, weights)
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:

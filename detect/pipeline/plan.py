@@ -176,8 +176,10 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
     """Open `recipe.background`: a saved background, or the area in which one is fitted; both None if it is empty."""
     if not (name := recipe.background):
         return None, None
-    if name.lower().endswith(".json") and '"covariance"' in (text := read_text(name, "--background")):
-        return Background.from_json(text), None
+    if name.lower().endswith(".json"):
+        text = read_text(name, "--background")
+        if '"covariance"' in text:
+            return Background.from_json(text), None
     return None, open_area(name, scene, "--background")
 
 
@@ -316,7 +318,9 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
     """Read a tile. Returns bands in use, (band, row, column), classes (`sea.region`), and NIR, (band, row, column)."""
-    block, nir = np.split(plan.scene.source.read(tile.window, [*plan.bands, *plan.glint]), [len(plan.bands)])
+    values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
+    block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.read_mask(tile)
-    return block, region(valid if mask is None else np.logical_and(mask, valid), rule, valid), nir
+    water = valid if mask is None else np.logical_and(mask, valid)
+    return block, region(water, rule, valid), nir

@@ -141,6 +141,8 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 def _round(found: Object, low: float) -> bool:
     """Whether a candidate, all pixels above the score `low`, is wider than the blur and at no contour elongated."""
+    if found.score_max * max(_CONTOURS) <= low:
+        return False
     values = np.zeros(found.footprint.shape)
     values[found.footprint] = found.scores
     for share in _CONTOURS:
@@ -148,7 +150,7 @@ def _round(found: Object, low: float) -> bool:
         length, width, _angle = rectangle(parts == parts.flat[values.argmax()])
         if width < _WIDE or length >= ELONGATION * width:
             return False
-    return found.score_max * max(_CONTOURS) > low
+    return True
 
 
 def _without(tail: Tail, taken: Array) -> Tail:
