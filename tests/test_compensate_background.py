@@ -91,7 +91,9 @@ def test_sharpening_gathers_light_and_keeps_it():
     np.testing.assert_allclose(sharp.sum(), seen.sum(), rtol=1e-3)
 
 
-@pytest.mark.parametrize("kernel", [np.ones((2, 2)), [[0, -1, 0], [0, 3, 0], [0, 0, 0]], [[np.nan]], [], np.eye(3)[:2]])
+@pytest.mark.parametrize(
+    "kernel", [np.ones((2, 2)), [[0, -1, 0], [0, 3, 0], [0, 0, 0]], [[np.nan]], [], np.eye(3)[:2], np.ones((3, 3))]
+)
 def test_what_is_no_psf_is_refused(kernel):
     with pytest.raises(InputError) as error:
         PSF(np.array(kernel, float))

@@ -12,8 +12,8 @@ from itertools import pairwise, product
 import cv2
 import numpy as np
 
-from ..compensate.state import Float32, Mask
-from ..moments import Float64
+from ..compensate.state import Float32
+from ..moments import Float64, Mask
 from ..physics.iops import WAVELENGTH_RANGE, case1
 from ..remove.mixture import PLUME, TURBID
 from ..scene import Band

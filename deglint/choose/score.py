@@ -35,8 +35,8 @@ import cv2
 import numpy as np
 
 from ..compensate.state import LASTS, Setting
-from ..moments import Float64
-from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
+from ..moments import Float64, Mask
+from .implants import BRIGHT, PLUME, SCALES, Float32
 
 SHARE = 0.01  # assumed share of a scene that objects cover, and that plumes cover
 SIGNAL = 0.05

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, clump_width, fit_chain, with_targets
 from ..errors import FitError
-from ..moments import Float64
+from ..moments import Float64, Mask
 from ..morphology import grown
 from ..remove.detrend import LOCAL_MEAN
 from ..remove.levels import even_share
@@ -19,7 +19,7 @@ from ..remove.mixture import WATER_PERCENTILE
 from ..remove.noise import noise, spread
 from ..remove.reference import OFTEN
 from .candidates import Candidate, candidates
-from .implants import SCALES, Float32, Implants, Mask, gains, implants
+from .implants import SCALES, Float32, Implants, gains, implants
 from .score import EDGES, erased, expected_errors, least_glint, least_signal, level_excess, partners, powers
 
 EQUAL_ERRORS = 1.1

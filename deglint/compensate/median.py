@@ -6,8 +6,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ..moments import Mask
 from .replace_glint import put
-from .state import Float32, Mask, Sample, Setting, State
+from .state import Float32, Sample, Setting, State
 
 LARGEST_MEDIAN = 25  # default side of the largest window [pixel]: twice the default window of the opening
 CLEAN = 5  # least number of glint-free pixels in a window: the median of fewer is hardly less noisy than one pixel

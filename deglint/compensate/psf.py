@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..moments import Float64
-from ..physics._checks import check_number
+from ..physics._checks import check_quantity
 from ..physics.sensor import Sensor, SensorBand, cutoff
 from ..physics.sensor import psf as sample_psf
 
@@ -25,7 +25,7 @@ class PSF:
     """A point spread function on the grid of the pixels.
 
     The kernel (side, side) is the share of the light of a point source, at the centre of the central pixel, in each
-    pixel. Its sum should be 1. Raises InputError if not square, odd-sided, finite, >= 0, and > 0 in the middle.
+    pixel. Raises InputError if not square, odd-sided, finite, >= 0, > 0 in the middle, or the sum is not 1 within 3 %.
     """
 
     kernel: Float64 = field(repr=False)
@@ -36,6 +36,8 @@ class PSF:
             raise InputError(f"a PSF must be square with an odd side, such as (9, 9), got {shape}. Pad it with zeros.")
         if not np.isfinite(self.kernel).all() or self.kernel.min() < 0 or self.kernel[side // 2, side // 2] <= 0:
             raise InputError("a PSF must be finite, nowhere negative, and positive in the middle.")
+        if abs((total := float(self.kernel.sum())) - 1) > MOST_TRUNCATED:
+            raise InputError(f"a PSF must sum to 1, got {total:.3g}. Divide the kernel by its sum.")
 
     @property
     def radius(self) -> int:
@@ -79,7 +81,7 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
     >>> green.kernel.shape
     (9, 9)
     """
-    check_number("wavelength", wavelength, 100, 20_000, "nm", "Give the centre of the band.")
+    check_quantity("wavelength", wavelength, 100, 20_000, "nm", "Give the centre of the band.")
     band = SensorBand(name="", low=wavelength, high=wavelength, full_scale=1.0)
     return _sampled(Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear))
 

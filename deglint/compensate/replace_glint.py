@@ -6,7 +6,8 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from .state import Float32, Mask, Sample, Setting, State
+from ..moments import Mask
+from .state import Float32, Sample, Setting, State
 
 
 @dataclass(frozen=True)

@@ -26,14 +26,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import Float64
+from ..moments import Float64, Mask
 from ..morphology import box_sum, grown
 from ..physics.atmosphere import irradiance
 from ..remove.noise import noise
 from ..remove.spectrum import SUN_ZENITH
 from . import spectra
 from .spectra import Model, Places
-from .state import LASTS, LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
+from .state import LASTS, LEAST_DELAY, Float32, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
 

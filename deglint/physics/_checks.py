@@ -31,7 +31,7 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
     return array
 
 
-def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
+def check_quantity(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
     """Raise InputError if `value` is no number, NaN or outside [low, high]; the other arguments are as in `within`."""
     array = within(name, value, low, high, unit, remedy)
     if isinstance(value, (str, bytes)) or array.ndim or np.isnan(array):
@@ -73,7 +73,7 @@ def _ranged_value(own: Any, value: Any, default: Any) -> Any:
         if np.shape(value) != np.shape(default):
             raise InputError(f"{own.name} must be {len(default)} numbers, got {value!r}; give as many.")
         return tuple(_ranged_value(own, number, None) for number in value)
-    check_number(own.name, value, *own.metadata["range"])
+    check_quantity(own.name, value, *own.metadata["range"])
     number = np.asarray(value).item()
     if own.metadata.get("integer") and number != round(number):
         raise InputError(f"{own.name} must be an integer, got {number:g}. Round it.")

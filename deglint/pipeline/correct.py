@@ -16,6 +16,7 @@ from ..compensate import Chain, Posterior, ReplacedError, Sample, Setting, State
 from ..compensate.uncertainty import halo as span_halo
 from ..errors import FitError, InputError
 from ..masks import WaterRule, water
+from ..moments import Mask
 from ..morphology import eroded
 from ..raster.convert import encode, is_finite, relaid
 from ..raster.output import Layout
@@ -30,7 +31,7 @@ from ..tiles import Tile
 from . import flags as bits
 from .fit import Fitted
 from .outputs import Outputs, PixelCounts
-from .overview import Mask, block_of, on_threads, raster_of, tile_shape_of
+from .overview import block_of, on_threads, raster_of, tile_shape_of
 from .recipe import Recipe, smallest_object
 from .sample import Training, sample_of
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import Mask
 from ..physics import sky
 from ..physics.atmosphere import CLEAR_AIR, WAVELENGTH_RANGE, irradiance
 from ..physics.glint import VIEW_LIMIT
@@ -28,7 +29,7 @@ from ..raster.output import Layout
 from ..readers.text import number
 from ..scene import FloatArray, Scene
 from .outputs import Outputs, PixelCounts, log
-from .overview import Mask, raster_of
+from .overview import raster_of
 
 if TYPE_CHECKING:
     from .correct import Block, Correction

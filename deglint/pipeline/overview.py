@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..errors import FitError, NoWaterError
 from ..masks import Roles, WaterRule, deep_water, fit_sample, fit_water
+from ..moments import Mask
 from ..raster import RasterSource
 from ..raster.environment import enter_thread
 from ..readers.areas import open_area, window_area
@@ -23,7 +23,6 @@ from ..scene import Scene, Window
 from ..tiles import Tile
 from .recipe import Recipe
 
-Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]  # of the name of a step, and the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start

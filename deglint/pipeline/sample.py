@@ -16,7 +16,7 @@ from ..compensate.posterior import WAVES_RESOLVED
 from ..compensate.psf import system_psf, typical_psf
 from ..masks import away_from_shore, water
 from ..masks.find import COARSE_PIXEL
-from ..moments import CELL
+from ..moments import CELL, Mask
 from ..morphology import grown
 from ..raster.environment import enter_thread
 from ..readers.areas import collection, to_geojson
@@ -30,7 +30,7 @@ from ..remove.wiener import SquareKinds
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from .outputs import log
-from .overview import OVERVIEW_PIXELS, TILE_SIDE, Job, Mask, Sampler, sampler_of
+from .overview import OVERVIEW_PIXELS, TILE_SIDE, Job, Sampler, sampler_of
 from .recipe import smallest_object
 
 HALO = 64  # halo around a training tile [pixel]: windows, kernels and clumps of the first stages need it

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import BandError, InputError
 from ..physics import slopes, sun
-from ..physics._checks import Checked, check_number, one_of, ranged
+from ..physics._checks import Checked, check_quantity, one_of, ranged
 from ..physics.atmosphere import CLEAR_AIR, Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
@@ -127,7 +127,7 @@ class Mission(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_number("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
+        check_quantity("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
         object.__setattr__(self, "wind", float(self.wind))  # JSON has no numbers of numpy
         if len({b.name.casefold() for b in self.sensor.bands}) < len(self.sensor.bands):
             names = ", ".join(b.name for b in self.sensor.bands)

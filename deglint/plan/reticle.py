@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import BandError
+from ..moments import Mask
 from ..physics import atmosphere, glint, sun, water
 from ..physics._checks import Floats
 from ..physics.iops import Iops, case1
@@ -20,7 +21,6 @@ from ..physics.sensor import band_means, electrons, noise_equivalent_radiance
 from .mission import Mission
 from .skylight import Skylight
 
-Mask = npt.NDArray[np.bool_]
 MARGIN = 3.0  # least angle between the best viewing geometry and any excluded one, where possible [degree]
 # points of the compass, clockwise from north
 _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")

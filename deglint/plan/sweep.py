@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import check_number, within
+from ..physics._checks import check_quantity, within
 from .dataset import excluded_share
 from .mission import SUN_LIMIT, Mission, tables_of
 from .reticle import Reticle, ViewingGeometry, best_geometry, compass, one_in, reticle, sentence
@@ -38,7 +38,7 @@ def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
         raise InputError(f"--to must not lie before --from, got {first}Z to {last}Z.")
-    check_number("minutes", minutes, 0.02, 1e6, "", "Give the minutes from one time to the next, such as 30.")
+    check_quantity("minutes", minutes, 0.02, 1e6, "", "Give the minutes from one time to the next, such as 30.")
     step = np.timedelta64(round(60 * minutes), "s")
     return [first + k * step for k in range(int((last - first) / step) + 1)]
 

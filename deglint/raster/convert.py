@@ -89,7 +89,7 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
     """Convert file values to another type; return them and a mask of clipped finite values, or None if all fit.
 
-    Values for an integer type are rounded to the nearest integer and clipped to its range; NaN becomes 0.
+    Values for an integer type are rounded to the nearest integer and clipped to its range; NaN and infinity become 0.
     """
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
@@ -103,7 +103,7 @@ def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any
     if numbers.min(initial=0) >= low and numbers.max(initial=0) <= high:
         return numbers.astype(dtype), None
     clipped = ((numbers < low) | (numbers > high)) & np.isfinite(numbers)
-    return np.clip(np.nan_to_num(numbers, nan=0), low, high).astype(dtype), clipped
+    return np.clip(np.nan_to_num(numbers, nan=0, posinf=0, neginf=0), low, high).astype(dtype), clipped
 
 
 def encode(
@@ -149,12 +149,13 @@ def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], Valid]:
-    """Convert file values to the type `dtype` and the `nodata` of an output. In integers, NaN becomes `nodata`, or 0.
+    """Convert file values to the type `dtype` and the `nodata` of an output.
 
-    A valid value that equals `nodata` is moved to the next number. Returns the new values, and the mask of valid values
-    that were clipped, or moved because an integer equalled `nodata`. Arrays are (band, row, column). `valid` is the
-    mask of valid values, None if all are. `own` has the nodata of each band of `raw`. If nothing changes, `raw` itself
-    is returned. In a band without nodata of its own, a value is not moved where another band is not valid.
+    NaN and infinity become `nodata`, or 0, in integers. A valid value that equals `nodata` is moved to the next number.
+    Returns the new values, and the mask of valid values that were clipped, or moved because an integer equalled
+    `nodata`. Arrays are (band, row, column). `valid` is the mask of valid values, None if all are. `own` has the nodata
+    of each band of `raw`. If nothing changes, `raw` itself is returned. In a band without nodata of its own, a value is
+    not moved where another band is not valid.
     """
     to = np.dtype(dtype)
     if raw.dtype == to and (nodata is None or all(same_nodata(n, nodata) for n in own)):

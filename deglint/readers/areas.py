@@ -17,6 +17,7 @@ import numpy.typing as npt
 from affine import Affine
 
 from ..errors import InputError, NoWaterError
+from ..moments import Mask
 from ..raster import RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
@@ -25,7 +26,6 @@ from .grid import at, nearest_on, overlap, same_grid
 from .text import read_json
 
 log = logging.getLogger(__name__)
-Mask = npt.NDArray[np.bool_]
 LONGITUDE_LATITUDE = "OGC:CRS84"
 _POLYGON_CELL = 512  # side of the squares in which polygons are rasterised [pixel]
 _FAR = 1e9  # polygon corners further from the scene than this are an error [pixel]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from .. import sensors
 from .. import tiles as tiling
+from ..moments import Mask
 from ..morphology import grown, opened
 from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
@@ -46,7 +47,6 @@ ORDER = ("blue", "green", "red", "nir")
 (percentile `DARK`), as over water, or if its range (`DARK` to `UPPER`) is `WIDER` times the others, as over plants."""
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
-Mask = npt.NDArray[np.bool_]
 Alike = tuple[Tile, npt.NDArray[Any], Mask]  # a tile, its file values, and where all bands have the same value
 Block = tuple[Tile, npt.NDArray[Any], Mask | None]
 """A tile, its file values (band, row, column), and the mask of valid values, or None if all are valid."""

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..errors import InputError
-from ..physics._checks import Checked, check_number, one_of, ranged
+from ..physics._checks import Checked, check_quantity, one_of, ranged
 from ..physics.atmosphere import CLEAR_AIR, Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor
@@ -145,7 +145,7 @@ class Setup(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         height, width = (side * self.sensor.gsd for side in self.size)
-        check_number("coast", self.coast, 0.0, 0.9 * width, "m", "Leave some of the image to the sea.")
+        check_quantity("coast", self.coast, 0.0, 0.9 * width, "m", "Leave some of the image to the sea.")
         if self.misregistration and len(self.misregistration) != len(self.sensor.bands):
             raise InputError(
                 f"misregistration must hold one (down, right) per band ({len(self.sensor.bands)}),"
@@ -153,7 +153,7 @@ class Setup(Checked):
             )
         most = max(self.size)
         for shift in (s for band in self.misregistration for s in band):
-            check_number("misregistration", shift, -most, most, "pixels", "Give (down, right) per band.")
+            check_quantity("misregistration", shift, -most, most, "pixels", "Give (down, right) per band.")
         for target in self.objects:
             target.check_inside(height, width)
         count = self.fine_grid[0] * self.fine_grid[1]
