@@ -229,7 +229,7 @@ def test_a_copied_number_moves_off_nodata_when_it_is_rounded_or_clipped(sea, wri
 @pytest.mark.parametrize(
     ("dtype", "values", "expected", "clipped"),
     [
-        ("uint8", np.array([-1.0, 0.5, 1.5, 255.4, 256, np.nan, np.inf]), [0, 0, 2, 255, 255, 0, 0], 2),
+        ("uint8", np.array([-1.0, 0.5, 1.5, 255.4, 256, np.nan, np.inf, -np.inf]), [0, 0, 2, 255, 255, 0, 0, 0], 2),
         ("int16", np.array([0, 32767, 32768, 65535], np.uint16), [0, 32767, 32767, 32767], 2),
         ("int32", np.array([5e9, -5e9, 7.4], np.float32), [2147483647, -2147483648, 7], 2),
         ("uint32", np.array([5e9, -1.0, 7.4], np.float32), [4294967295, 0, 7], 2),
