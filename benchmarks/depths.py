@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from sklearn.linear_model import LinearRegression
-from sklearn.metrics import root_mean_squared_error
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_predict
 
 from deglint import Recipe, open_scene
@@ -23,6 +22,7 @@ from .files import DATA, removed
 from .timing import say
 
 Array = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.intp]
 
 FOLDER = DATA / "real" / "sdb"
 RECIPES = {
@@ -59,7 +59,7 @@ def predictors(bands: Array) -> dict[str, Array]:
     return {"log bands": np.stack([*logs, one], axis=1), "log ratio": np.stack([ratio[0] / ratio[1], one], axis=1)}
 
 
-def inside(path: Path, soundings: Array) -> tuple[Array, Array, npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def inside(path: Path, soundings: Array) -> tuple[Array, Array, Numbers, Numbers]:
     """Raw bands of an image, and depth, row and column of the soundings that lie on it."""
     scene = open_scene(path)
     column, row = (np.floor(v).astype(int) for v in ~scene.transform * (soundings[:, 0], soundings[:, 1]))
@@ -67,18 +67,29 @@ def inside(path: Path, soundings: Array) -> tuple[Array, Array, npt.NDArray[np.i
     return scene.read().astype(np.float64), soundings[on, 2], row[on], column[on]
 
 
-def error(columns: Array, depth: Array, part: npt.NDArray[np.intp]) -> float:
-    """Root mean square error of depths predicted from the other parts [unit of depth]."""
-    line = LinearRegression(fit_intercept=False)
-    predicted = cross_val_predict(line, columns, depth, groups=part, cv=LeaveOneGroupOut())
-    return float(root_mean_squared_error(depth, predicted))
+def squared_errors(columns: Array, depth: Array, square: Numbers) -> Array:
+    """Squared error of each depth predicted from the other parts, mean of `DIVISIONS` [unit of depth squared]."""
+    line, split = LinearRegression(fit_intercept=False), LeaveOneGroupOut()
+    found = [cross_val_predict(line, columns, depth, groups=parts(square, s), cv=split) for s in range(DIVISIONS)]
+    return np.asarray(np.mean(np.square(np.array(found) - depth), axis=0))
 
 
-def parts(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], seed: int = 0) -> npt.NDArray[np.intp]:
+def squares(row: Numbers, column: Numbers) -> Numbers:
+    """Number of the square of `SIDE` pixels that each pixel lies in, from 0."""
+    return np.asarray(np.unique(row // SIDE * 100_000 + column // SIDE, return_inverse=True)[1])
+
+
+def parts(square: Numbers, seed: int = 0) -> Numbers:
     """Which of `BLOCKS` parts each pixel belongs to: squares of the scene, dealt out at random."""
-    _, square = np.unique(row // SIDE * 100_000 + column // SIDE, return_inverse=True)
-    dealt = np.random.default_rng(seed).permutation(square.max() + 1) % BLOCKS
-    return np.asarray(dealt[square])
+    return np.asarray((np.random.default_rng(seed).permutation(square.max() + 1) % BLOCKS)[square])
+
+
+def difference(found: Array, raw: Array, square: Numbers) -> tuple[float, float]:
+    """Root mean square of errors minus that of others, both given squared; standard error by a bootstrap of squares."""
+    sums = np.stack([np.bincount(square, v) for v in (found, raw, np.ones(len(raw)))])
+    drawn = np.random.default_rng(0).integers(0, sums.shape[1], (1000, sums.shape[1]))
+    one, other, count = sums[:, drawn].sum(axis=2)
+    return float(found.mean() ** 0.5 - raw.mean() ** 0.5), float(np.std(np.sqrt(one / count) - np.sqrt(other / count)))
 
 
 def main() -> None:
@@ -86,15 +97,18 @@ def main() -> None:
     if not FOLDER.exists():
         print(f"no soundings at {FOLDER}: nothing was measured")
         return
-    image, rows, head = FOLDER / "image.tif", [], ["bands"]
+    image, rows, head, before = FOLDER / "image.tif", [], ["bands"], dict[str, Array]()
     raw, depth, row, column = inside(image, soundings(FOLDER / "depth_sample.dbf"))
+    square = squares(row, column)
     for name, recipe in RECIPES.items():
         bands = (raw if recipe is None else removed(image, recipe))[:3, row, column]
-        found = predictors(bands)
-        means = [np.mean([error(x, depth, parts(row, column, s)) for s in range(DIVISIONS)]) for x in found.values()]
+        found = {k: squared_errors(x, depth, square) for k, x in predictors(bands).items()}
+        before = before or found
+        said = [(float(np.sqrt(v.mean())), *difference(v, before[k], square)) for k, v in found.items()]
         head = ["bands", *found, "zero or less"]
-        rows.append([name, *(f"{m:.3f}" for m in means), f"{(bands <= 0).mean():.2%}"])
+        rows.append([name, *(f"{e:.3f} ({d:+.3f} +- {s:.3f})" for e, d, s in said), f"{(bands <= 0).mean():.2%}"])
     say(
         f"Error of {len(depth)} depths, {depth.min():.1f} to {depth.max():.1f} m: RMSE [m]", head, rows,
-        f"Mean of {DIVISIONS} random divisions of squares of {SIDE} pixels into {BLOCKS} parts.",
+        f"Of {DIVISIONS} random divisions of {square.max() + 1} squares of {SIDE} pixels into {BLOCKS} parts; "
+        "difference from raw and its standard error.",
     )  # fmt: skip

@@ -19,11 +19,24 @@ def test_soundings_are_read_from_dbase(tmp_path):
 
 def test_neighbours_are_left_out_together():
     row, column = np.mgrid[:80, :80].reshape(2, -1)
-    part = depths.parts(row, column)
+    square = depths.squares(row, column)
+    part = depths.parts(square)
     squares = part.reshape(5, 16, 5, 16).swapaxes(1, 2).reshape(25, -1)
     assert (squares == squares[:, :1]).all()
     assert len(np.unique(part)) == depths.BLOCKS
-    assert depths.error(np.stack([row, np.ones_like(row)], 1).astype(float), 2.0 * row + 3, part) < 1e-9
+    assert (
+        depths.squared_errors(np.stack([row, np.ones_like(row)], 1).astype(float), 2.0 * row + 3, square).max() < 1e-9
+    )
+
+
+def test_a_difference_has_the_standard_error_of_independent_squares():
+    rng = np.random.default_rng(5)
+    square = np.repeat(np.arange(400), 9)
+    raw = rng.chisquare(1, len(square))
+    found = raw + np.repeat(rng.normal(0.2, 0.1, 400), 9)  # errors that differ from square to square
+    found_difference, standard_error = depths.difference(found, raw, square)
+    assert found_difference == pytest.approx(np.sqrt(1.2) - 1, abs=0.01)
+    assert 0.5 < standard_error / (0.1 / 2 / np.sqrt(1.2) / np.sqrt(400)) < 2
 
 
 @pytest.mark.shared
@@ -32,9 +45,10 @@ def test_removal_does_not_cost_depth():
     image = depths.FOLDER / "image.tif"
     raw, depth, row, column = depths.inside(image, depths.soundings(depths.FOLDER / "depth_sample.dbf"))
     clean = depths.removed(image, depths.RECIPES["default"])
+    square = depths.squares(row, column)
     before, after = (
-        np.mean([depths.error(depths.predictors(b[:3, row, column])["log bands"], depth, depths.parts(row, column, s))
-                 for s in range(4)]) for b in (raw, clean)
-    )  # fmt: skip
+        depths.squared_errors(depths.predictors(b[:3, row, column])["log bands"], depth, square).mean()
+        for b in (raw, clean)
+    )
     assert after <= before
     assert clean[:3, row, column].min() > 0
