@@ -33,7 +33,7 @@ EDGE, EDGE_SHIFT, DIM = 15.0, 8.0, 0.07
 SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
 """Standard deviations relative to the brightness: linear and quadratic part of a grey spectrum over 250 nm (for paint,
 half of these), and the part that is not smooth. Its variance is `ROUGH` squared times the brightness of the band: with
-the square of that brightness, a tenth of red and blue targets is lost at 9 m/s."""
+the square of that brightness fewer red and blue targets are found, as paint deviates more where it is dim."""
 CHANGE, NO_CHANGE = 1.0, 0.15
 """Standard deviation of the linear and of the quadratic change from the first to the last band, relative to the
 brightness: of a flash that lasts, large enough for any rise or fall; and of a white target, on which sparkle lies."""
