@@ -1,9 +1,8 @@
 """Run candidates on sample tiles, with and without implanted signals, and choose the best."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import product
 from typing import Any
 
 import cv2
@@ -139,7 +138,6 @@ def choose(
     *,
     width: float,
     fine: bool = False,
-    each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
     """Try candidate recipes on sample tiles, and choose the simplest of those with nearly the least expected error.
 
@@ -157,8 +155,6 @@ def choose(
         Width of the smallest object to keep [pixel].
     fine : bool
         True if pixels resolve sparkle: a candidate that removes mirrored sky instead of sparkle is then refused.
-    each : callable
-        Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 
     Returns
     -------
@@ -176,18 +172,15 @@ def choose(
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
     marked = _marked(sample, added)
 
-    def work(job: tuple[Candidate, bool]) -> _Run | FitError:
-        candidate, signals = job
-        check = None if signals else partial(_check, fine=unit if fine else None)
-        return _run(candidate, marked if signals else sample, setting, removal(candidate.method), check)
-
-    todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
-    jobs = list(product(todo, (False, True)))  # without and with signals apart: two threads share the slowest candidate
-    done = dict(zip(jobs, each(work, jobs), strict=True))
-    pairs = {c: (done[c, False], done[c, True]) for c in todo}
-    runs = {c: (p, m) for c, (p, m) in pairs.items() if isinstance(p, _Run) and isinstance(m, _Run)}
-    failed = {c.name: str(p if isinstance(p, FitError) else m) for c, (p, m) in pairs.items() if c not in runs}
-    trials = _judged(runs, sample, added, unit, setting, each)
+    runs, failed = dict[Candidate, tuple[_Run, _Run]](), dict[str, str]()
+    for candidate in candidates(setting, width=width, clump=clump_width(sample, setting.nir[0])):
+        fit = removal(candidate.method)
+        try:
+            plain = _run(candidate, sample, setting, fit, partial(_check, fine=unit if fine else None))
+            runs[candidate] = plain, _run(candidate, marked, setting, fit)
+        except FitError as error:
+            failed[candidate.name] = str(error)
+    trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(WIENER, failed=failed, width=disc)
     return Choice(_best(trials, delayed=setting.delayed).candidate, tuple(trials), failed, disc)
@@ -213,10 +206,9 @@ def _judged(
     added: Sequence[Implants],
     unit: Float32,
     setting: Setting,
-    each: Callable[..., Iterable[Any]],
 ) -> list[Trial]:
     """Trial of each pair of runs, without and with the signals `added`; its error is infinite if it cannot be computed.
-    `added` and `unit` are as in `gains`, `each` as in `choose`.
+    `added` and `unit` are as in `gains`.
     """
     runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
@@ -229,9 +221,9 @@ def _judged(
 
     def shared(clear: Sequence[Mask]) -> Float64:
         """Power that bands share with their partners, (recipe, scale); over all pixels if `clear` is empty."""
-        return np.array(list(each(lambda images: powers(images, inside, unit, clear, partner_of), results)))
+        return np.array([powers(images, inside, unit, clear, partner_of) for images in results])
 
-    trials = list(each(measured, pairs))
+    trials = [measured(c) for c in pairs]
     left, spectrum = np.array([t.power for t in trials]), _spectrum(setting)
     errors = expected_errors(
         left,
@@ -275,17 +267,13 @@ def _run(
     sample: Sample,
     setting: Setting,
     removal: FitRemoval,
-    check: Callable[[FittedChain], None] | None,
-) -> _Run | FitError:
-    """Fit a candidate to the sample tiles, `check` it, and run it; return the FitError if it cannot be fitted."""
+    check: Callable[[FittedChain], None] = lambda _fitted: None,
+) -> _Run:
+    """Fit a candidate to the sample tiles, `check` it, and run it. Raises FitError if it cannot be fitted."""
     if candidate.method == "copy":
         return _Run([s.image for s in sample.states], [])
-    try:
-        fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
-        if check is not None:
-            check(fitted)
-    except FitError as error:
-        return error
+    fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
+    check(fitted)
     states = fitted.sample.states
     return _Run([with_targets(s) for s in states], [s.targets for s in states])
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -214,8 +213,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
     def removal(method: str) -> Any:
         return partial(fit_removal, trial, parts, method)
 
-    with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
-        return choose(sample, setting(job), job.request.correct, removal, width=width, fine=fine, each=pool.map)
+    return choose(sample, setting(job), job.request.correct, removal, width=width, fine=fine)
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
