@@ -130,6 +130,23 @@ def test_boats_rocks_and_plants_in_glint_are_not_water(delay, wind, width):
 
 
 @pytest.mark.slow
+def test_saturated_boats_among_saturated_glint_are_not_water():
+    """In a drone's image both reach full scale; the boat does so all over squares of 13 pixels, the glint does not."""
+    sensor = replace(preset("micasense"), gsd=0.16)
+    steps = np.array([b.full_scale for b in sensor.bands], np.float32)[:, None, None] / sensor.levels
+    setup = Setup(sensor=sensor, size=(320, 320), wind=8.0, sun_zenith=21.0, patch=0.02, seed=3)
+    sea, boat = simulate(setup).image * steps, np.s_[100:118, 80:130]
+    assert (sea[3] == sea[3].max()).mean() > 0.01
+    roles = Roles(nir=3, blue=0, green=1, red=2)
+    assert water(sea, fit_water([sea], roles, pixel=0.16)).all()
+    sea[:, *boat] = sea.max(axis=(1, 2))[:, None, None]
+    found = water(sea, fit_water([sea], roles, pixel=0.16))
+    assert not found[boat].any()
+    found[boat] = True
+    assert found.mean() > 0.999
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "gsd"), [("thesis", 0.15), ("thesis-f30", 0.3), ("micasense", 0.2), ("worldview3", 0.5)]
 )

@@ -55,11 +55,11 @@ at most `OF_CLUMP` times as much as the clump. A second square is for pixels wit
 AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
 turbid plumes do not, where there is no glint to compare with."""
-COMPACTNESS = 0.7
-"""Least share of brown water in squares of 5 x 5 pixels: a town, of the same colour in radiance, is less compact."""
-SATURATED = 1e-3
+COMPACTNESS = 0.7  # least share of brown water in squares of 5 x 5 pixels: a town, as brown, is less compact
+SATURATED, ROUNDED = 1e-3, 0.999
 """The highest NIR is saturated if at least this share of the pixels has it, and if it exceeds the NIR of dark water by
-more than visible and NIR differ: in images of 8 bits, the NIR of calm water has few values, all frequent."""
+more than visible and NIR differ: in 8 bits, the NIR of calm water has few values, all frequent. Values from `ROUNDED`
+times the highest on count as saturated, too."""
 BEYOND = 1.4
 """Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
 to the NIR at which water and other colours are equally frequent."""
@@ -131,8 +131,7 @@ def _fit(
     most = 0.0
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, white, brown=brown)
-        if strict:
-            votes = [np.where(v > 0, v, np.int8(-1)) for v in votes]
+        votes = [np.where(v > 0, v, np.int8(-1)) for v in votes] if strict else votes
         rule = _threshold(view, window, view.flat(votes), sparkle=window > 1 or pixel is None, strict=strict)
         if rule is None:
             return None
@@ -152,18 +151,20 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """The rule with squares and NIR limits for boats (`CORE`); unchanged if the sea or the window `widest` is small."""
+    """The rule with squares and NIR limits for boats, also saturated ones; unchanged if sea or `widest` is small."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
     sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
     clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
     if not sides or not np.isfinite(clumps).all():
         return rule
-    core, red_core = (
-        next((w for w in sides if view.clumps(solid, level, w, red=red) <= OF_CLUMP * clump), sides[-1])
+    cores = [
+        next((w for w in sides if view.clumps(solid, level, w, red=red) <= OF_CLUMP * clump), 0)
         for red, clump in zip((False, True), clumps, strict=True)
-    )
-    return replace(rule, core=core, bright=level + clumps[0], red_core=red_core, red=level + clumps[1])
+    ]
+    bright = min(level + clumps[0], ROUNDED * view.saturation if cores[0] else np.inf)
+    core, red_core = (w or sides[-1] for w in cores)
+    return replace(rule, core=core, bright=bright, red_core=red_core, red=level + clumps[1])
 
 
 class _View:
