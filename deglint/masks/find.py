@@ -48,10 +48,10 @@ LEAST_BODY = 25  # fewest pixels of water, in squares of 5 x 5 [pixel]: smaller 
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
 """Sides of a clump of glint and of a square of sea [pixel]. In each square the brightest clump is found; of their
 NIR, the `ORDINARY`-th percentile is used, as the brightest may be boats. At least `LEAST_SQUARES` are needed."""
-CORE, OF_CLUMP = 7, 0.3
-"""Boats and narrow land are brighter than the clump (see `CLUMP`) all over a larger square. Its side is the smallest,
-from `CORE` pixels to half the width of a patch of glint, with which the brightest square of glint exceeds the water by
-at most `OF_CLUMP` times as much as the clump. A second square is for pixels with NIR above visible, rare in glint."""
+CORE, OF_CLUMP = (5, 7), 0.3
+"""Boats and narrow land are brighter than the clump (see `CLUMP`) all over a larger square: the smallest, from a third
+(clipped to `CORE` [pixel]) to half as wide as a patch of glint, whose darkest pixel in glint exceeds the water by at
+most `OF_CLUMP` times as much as the clump. A second square is for pixels with NIR above visible, rare in glint."""
 AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
 turbid plumes do not, where there is no glint to compare with."""
@@ -153,8 +153,8 @@ def _fit(
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
     """The rule with squares and NIR limits for boats, also saturated ones; unchanged if sea or `widest` is small."""
     solid = view.brighter(rule.threshold, rule.window)
-    level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
-    sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
+    level, plume, least = rule.nir_level, AFLOAT * abs(rule.contrast), int(np.clip(-(-widest // 3) | 1, *CORE))
+    sides = [w for w in WINDOWS if least <= w <= widest and (w == least or 2 * w <= widest + 1)]
     clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
     if not sides or not np.isfinite(clumps).all():
         return rule
