@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from .errors import BandError
 
+ROUNDED = 0.999  # share of `Band.saturation` from which pixels count as saturated: values are rounded
 FloatArray = npt.NDArray[np.floating[Any]]
 Window = tuple[tuple[int, int], tuple[int, int]]  # ((first row, last row + 1), (first column, last column + 1))
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..errors import FitError, InputError
 from ..moments import Float64, Mask
 from ..remove.spectrum import SUN_ZENITH
-from ..scene import Band
+from ..scene import ROUNDED, Band
 from .psf import PSF
 
 Float32 = npt.NDArray[np.float32]
@@ -136,7 +136,6 @@ FEWEST = 64  # fewest pixels for a level and a standard deviation
 NEARLY, PILED, STEPS = 0.99, 3, 1000
 """A band is saturated at its highest value if at least 3 pixels, and half of the pixels within a percent of it, have
 exactly that value. In images of fewer than 1000 steps pixels have equal values by chance."""
-ROUNDED = 0.999  # share of the saturation value from which pixels count as saturated: values are rounded
 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..moments import Float64, Mask
 from ..morphology import box_sum, grown, square, squares
-from ..scene import FloatArray
+from ..scene import ROUNDED, FloatArray
 from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
@@ -49,17 +49,17 @@ CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
 """Sides of a clump of glint and of a square of sea [pixel]. In each square the brightest clump is found; of their
 NIR, the `ORDINARY`-th percentile is used, as the brightest may be boats. At least `LEAST_SQUARES` are needed."""
 CORE, OF_CLUMP = (5, 7), 0.3
-"""Boats and narrow land are brighter than the clump (see `CLUMP`) all over a larger square: the smallest, from a third
-(clipped to `CORE` [pixel]) to half as wide as a patch of glint, whose darkest pixel in glint exceeds the water by at
-most `OF_CLUMP` times as much as the clump. A second square is for pixels with NIR above visible, rare in glint."""
+"""Boats and narrow land are brighter than the clump (see `CLUMP`) all over a larger square. Its side is the smallest,
+from `CORE` pixels to half the width of a patch of glint, with which the brightest square of glint exceeds the water by
+at most `OF_CLUMP` times as much as the clump. `CORE` is 5 where that is a third of a patch, else 7: in smaller pixels
+sparkle fills some squares of 5. A second square is for pixels with NIR above visible, rare in glint."""
 AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
 turbid plumes do not, where there is no glint to compare with."""
-COMPACTNESS = 0.7  # least share of brown water in squares of 5 x 5 pixels: a town, as brown, is less compact
-SATURATED, ROUNDED = 1e-3, 0.999
+COMPACTNESS = 0.7  # least share of brown water in squares of 5 x 5 pixels: a town, brown in radiance, is less compact
+SATURATED = 1e-3
 """The highest NIR is saturated if at least this share of the pixels has it, and if it exceeds the NIR of dark water by
-more than visible and NIR differ: in 8 bits, the NIR of calm water has few values, all frequent. Values from `ROUNDED`
-times the highest on count as saturated, too."""
+more than visible and NIR differ: in images of 8 bits, the NIR of calm water has few values, all frequent."""
 BEYOND = 1.4
 """Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
 to the NIR at which water and other colours are equally frequent."""
@@ -153,7 +153,7 @@ def _fit(
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
     """The rule with squares and NIR limits for boats, also saturated ones; unchanged if sea or `widest` is small."""
     solid = view.brighter(rule.threshold, rule.window)
-    level, plume, least = rule.nir_level, AFLOAT * abs(rule.contrast), int(np.clip(-(-widest // 3) | 1, *CORE))
+    level, plume, least = rule.nir_level, AFLOAT * abs(rule.contrast), CORE[3 * CORE[0] < widest]
     sides = [w for w in WINDOWS if least <= w <= widest and (w == least or 2 * w <= widest + 1)]
     clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
     if not sides or not np.isfinite(clumps).all():
