@@ -21,7 +21,7 @@ from typing import Any
 METHODS = (
     "auto", "wiener", "hedley", "lyzenga", "joyce", "multiband", "hochberg", "goodman", "kutser", "nir-subtraction",
 )  # fmt: skip
-DETECTORS = ("auto", "sea", "rx", "local", "utd", "rx-utd", "subspace", "residual")
+DETECTORS = ("auto", "sea", "lines", "rx", "local", "utd", "rx-utd", "subspace", "residual")
 SENSORS = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 FOREIGN = ("PYTHONHOME", "PYTHONPATH", "GDAL_DATA", "GDAL_DRIVER_PATH", "PROJ_LIB", "PROJ_DATA", "LD_LIBRARY_PATH")
 """Variables of QGIS's own environment that would mislead another Python."""
