@@ -29,9 +29,9 @@ PUBLISHED = {"B02": (0.856348, 13.45), "B03": (0.869187, 12.72), "B04": (0.80651
 
 
 def combinations(quick: bool) -> list[tuple[str, str]]:
-    """Pairs (method, regression): all regressions, or two if `quick`, of each method that regresses; else ""."""
+    """Pairs (method, regression): all regressions, or two if `quick`, of each method that takes one; else ""."""
     regressions = ("ols", "detrended") if quick else tuple(REGRESSIONS)
-    return [(m, r) for m, method in METHODS.items() for r in (regressions if method.regresses else ("",))]
+    return [(m, r) for m, method in METHODS.items() for r in (regressions if "regression" in method.options else ("",))]
 
 
 def simulated(quick: bool) -> None:

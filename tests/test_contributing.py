@@ -30,7 +30,7 @@ def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, writ
     def fit(request, stats):
         return replace(hedley.fit(request, stats), method="mine")
 
-    monkeypatch.setitem(METHODS, "mine", Method("as Hedley, by another name", fit, regression_plan, regresses=True))
+    monkeypatch.setitem(METHODS, "mine", Method("as Hedley", fit, regression_plan, ("regression",)))
     source = write(tmp_path / "in.tif", sea())
     options = {"sample": "all", "mask": "none", "compensate": "off"}
     result = deglint.remove_glint(source, tmp_path / "mine.tif", deglint.Recipe(method="mine", **options))

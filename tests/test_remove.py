@@ -27,9 +27,9 @@ SLOPES = np.array([1.1, 1.0, 0.9, 0.5, 0.3, 0.5, 0.6, 1.0])
 WATER = np.array([90.0, 70.0, 40.0, 10.0, 10.0, 10.0, 10.0, 8.0])
 
 FITTED = [name for name, method in METHODS.items() if method.plan is not None]
-REGRESSED = [name for name, method in METHODS.items() if method.regresses]
+REGRESSED = [name for name, method in METHODS.items() if "regression" in method.options]
 COMBINATIONS = [
-    (name, regression) for name in METHODS for regression in (REGRESSIONS if METHODS[name].regresses else ["ols"])
+    (name, regression) for name in METHODS for regression in (REGRESSIONS if name in REGRESSED else ["ols"])
 ]
 
 

@@ -318,7 +318,7 @@ def test_files_and_arrays_give_the_same_bits(write, read, tmp_path, small_tiles,
     monkeypatch.setattr("deglint.pipeline.overview.TILE_SIDE", 512)  # an array is one training tile
     raw = eight_bands(dtype)
     source = write(tmp_path / "in.tif", raw, names=[f"L{w}" for w in NARROW], describe=wavelengths)
-    regressions = REGRESSIONS if METHODS[method].regresses else ["auto"]
+    regressions = REGRESSIONS if "regression" in METHODS[method].options else ["auto"]
     for regression in regressions:
         recipe = Recipe(
             method=method, sample="all", mask="none", regression=regression, nir=("8",), bands=("1", "2", "3")

@@ -180,8 +180,8 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     else:
         model, sampled, of_sample = fit_sampled(job, method)
     log_model(model, of_sample)
-    regression = (method in METHODS and not METHODS[method].neighbours and model.regression) or "auto"
     used = "auto" if method == "copy" else model.method
+    regression = model.regression or "auto"
     resolved = replace(recipe, method=used, compensate=text, smallest_object="", regression=regression)
     every, water = (*notes, *(choice.lines() if choice else ()), *of_sample), (overview.water, overview.bands)
     return Fitted(model, resolved, every, sampled[0], sampled[1], *water, chain, choice)

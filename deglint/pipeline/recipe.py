@@ -42,9 +42,9 @@ class Recipe:
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
-        Percentile of the glint index that is its level [%], for method "hedley" (0: minimum) and "multiband" (0: 5 %).
+        Percentile of the glint index that is its level [%]; 0: that of the method, such as 0 or, for multiband, 5 %.
     rrs_factor : float
-        Ratio of the physical values to remote-sensing reflectance, for method "goodman" [sr]; pi for reflectance.
+        Ratio of the physical values to remote-sensing reflectance [sr]; pi for reflectance.
     compensate : str
         "auto" (with method "auto", the candidate with the least expected error on the scene; else none), "thesis",
         "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
@@ -78,15 +78,11 @@ class Recipe:
         check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
         check_kind(self.compensate, str, "compensate", "Give 'auto', 'thesis', 'off' or a chain of stages.")
         check_kind(self.smallest_object, str, "smallest_object", "Give a width such as '4m' or '16px'.")
-        method = METHODS.get(self.method)
-        if self.floor_percentile and self.method not in ("hedley", "multiband"):
-            remedy = "leave it out, or name one of them with --method"
-            raise InputError(f"a floor percentile is for methods hedley and multiband: {remedy}.")
-        if self.regression != "auto" and not (method and method.regresses):
-            remedy = "leave out --regression, or name a method such as hedley"
-            raise InputError(f"{self.method} fits no slopes by regression: {remedy}.")
-        if self.rrs_factor != float(np.pi) and self.method != "goodman":
-            raise InputError("--rrs-factor is for goodman: leave it out.")
+        for name in dict.fromkeys(option for method in METHODS.values() for option in method.options):
+            owners = [key for key, method in METHODS.items() if name in method.options]
+            if self.method not in owners and getattr(self, name) != getattr(Recipe, name):
+                methods = f"method {' or '.join(owners)}, not {self.method}"
+                raise InputError(f"--{name.replace('_', '-')} is for {methods}: leave it out, or name a method.")
         if self.smallest_object and self.chain != "auto":
             remedy = "leave it out, or --method and --compensate"
             raise InputError(f"--smallest-object is for the automatic choice: {remedy}.")

@@ -45,24 +45,27 @@ class Method:
     summary: str  # one line for `--help` and the documentation
     fit: Callable[[FitRequest, Any], GlintModel]
     plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None if it needs none
-    regresses: bool = False  # `--regression` selects the estimator of the slopes
+    options: tuple[str, ...] = ()  # fields of `FitRequest` that it uses: a recipe refuses the others
     neighbours: bool = False  # the method uses neighbouring pixels, so it is fitted to tiles
 
 
 _index_plan = partial(regression_plan, keep_index=True)
+_SLOPES, _LEVEL = "regression", "floor_percentile"
 
 METHODS: dict[str, Method] = {
     "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
     "hedley": Method(
-        "slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, regresses=True
+        "slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, (_SLOPES, _LEVEL)
     ),
-    "lyzenga": Method(
-        "slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, regresses=True
+    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, (_SLOPES,)),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, (_SLOPES,)),
+    "multiband": Method(
+        "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, (_LEVEL,)
     ),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, regresses=True),
-    "multiband": Method("all longer bands together, level at a low percentile", multiband.fit, multiband.plan),
     "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
-    "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit),
+    "goodman": Method(
+        "reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit, options=("rrs_factor",)
+    ),
     "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),
     "nir-subtraction": Method("subtract the NIR reflectance itself (Dierssen 2003)", nir_subtraction.fit),
 }

@@ -29,7 +29,7 @@ class FitRequest:
     indexes: tuple[GlintIndex, ...]  # NIR references; their levels are not used
     follows: tuple[int | None, ...]  # position in `indexes` for each band of `correct`; None: the index with highest R2
     regression: str = "ols"  # key of `REGRESSIONS`
-    floor_percentile: float = 0.0  # percentile that is the level of hedley and multiband [%]; 0: their default
+    floor_percentile: float = 0.0  # percentile that is the level [%]; 0: that of the method
     rrs_factor: float = math.pi  # ratio of the values to remote-sensing reflectance [sr]; pi for reflectance
     more: tuple[int, ...] = ()  # 0-based bands that are also references of shorter bands (`deglint.remove.further`)
     faint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
