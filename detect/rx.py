@@ -38,15 +38,19 @@ _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 
 @dataclass(frozen=True)
 class Method:
-    """Entry of `METHODS`, the table of detectors.
+    """Entry of `DETECTORS`.
 
     `matrices` computes `Detector.whiten`, and for some detectors `Detector.linear`, from (background, whitener, drop,
     nir). It is None for a detector without a single background for the whole scene.
     """
 
+    summary: str  # one line for `--help`
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
     law: bool = False  # whether scores over a normal background follow F or chi-squared
     invariant: bool = False  # whether a removal that subtracts multiples of NIR bands in use changes no score
+    nir: bool = False  # whether `matrices` needs the NIR bands
+    options: tuple[str, ...] = ()  # fields of a recipe that others do not take
+    covariances: tuple[str, ...] = ("empirical",)  # estimators that a detector without `matrices` accepts
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +67,12 @@ class Detector:
 
 
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
-    """Make a detector from a background; `method` is a key of `METHODS` that has `matrices`.
+    """Make a detector from a background; `method` is a key of `DETECTORS` that has `matrices`.
 
     "subspace" leaves out `drop` leading eigenvectors; "residual" regresses other bands on the bands `nir` (0-based).
     Raises InputError if `method`, `drop` or `nir` is not allowed, and FitError if no band of the background varies.
     """
-    known = {name: kind.matrices for name, kind in METHODS.items() if kind.matrices}
+    known = {name: kind.matrices for name, kind in DETECTORS.items() if kind.matrices}
     check_choice(method, list(known), "method")
     whiten = whitener(background.covariance)
     if not len(whiten):
@@ -119,26 +123,26 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
         out[start : start + count] = np.add.reduce(z, axis=0)[:count]
 
 
-def _uniform_weights(background: Background, whiten: Float64) -> Float64:
-    """Weights of the bands, (bands,), in the uniform target detector: its score is the sum of weight * (x - mean).
+def _uniform(background: Background, whiten: Float64, *_: Any) -> tuple[Float64, Float64]:
+    """No whitening, and weights of the bands, (bands,): the score is the sum of weight * (x - mean).
     The weights are C^-1 (u - mean), where C is the covariance, and the target spectrum u is 1 in all bands.
     """
-    return np.asarray(whiten.T @ (whiten @ (1 - background.mean)))
+    return whiten[:0], np.asarray(whiten.T @ (whiten @ (1 - background.mean)))
 
 
-def _subspace(covariance: Float64, drop: int) -> Float64:
+def _subspace(background: Background, _whiten: Float64, drop: int, _nir: Sequence[int]) -> tuple[Float64]:
     """Whitening matrix, (rank - drop, bands), without the `drop` leading eigenvectors of the covariance."""
-    values, vectors = np.linalg.eigh(covariance)
+    values, vectors = np.linalg.eigh(background.covariance)
     kept = np.flatnonzero(values > TOLERANCE * len(values) * values[-1])
     if not 0 <= drop < len(kept):
         raise InputError(f"drop: want 0 to {len(kept) - 1} of the {len(kept)} eigenvectors, got {drop}.")
     kept = kept[: len(kept) - drop]
-    return np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None])
+    return (np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None]),)
 
 
-def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
+def _residual(background: Background, _whiten: Float64, _drop: int, nir: Sequence[int]) -> tuple[Float64]:
     """Matrix, (rank, bands), that regresses the other bands on the bands `nir` (0-based) and whitens the residuals."""
-    bands = len(covariance)
+    covariance, bands = background.covariance, background.bands
     reference = sorted({int(b) for b in nir})
     others = [b for b in range(bands) if b not in reference]
     if not reference or not others or reference[0] < 0 or reference[-1] >= bands:
@@ -153,21 +157,22 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     whiten = whitener(left)
     out = np.zeros((len(whiten), bands))
     out[:, others], out[:, reference] = whiten, -whiten @ slopes
-    return out
+    return (out,)
 
 
-METHODS = {
-    "sea": Method(),
-    "lines": Method(),
-    "rx": Method(lambda _background, whiten, _drop, _nir: (whiten,), law=True, invariant=True),
-    "local": Method(law=True, invariant=True),
-    "utd": Method(lambda background, whiten, _drop, _nir: (whiten[:0], _uniform_weights(background, whiten))),
-    "rx-utd": Method(lambda background, whiten, _drop, _nir: (whiten, -_uniform_weights(background, whiten))),
-    "subspace": Method(lambda background, _whiten, drop, _nir: (_subspace(background.covariance, drop),), law=True),
-    "residual": Method(
-        lambda background, _whiten, _drop, nir: (_residual(background.covariance, nir),), law=True, invariant=True
-    ),
-}
+DETECTORS = {
+    "sea": Method("distance from the water around, for ships, boats and swimmers",
+                  options=("largest_object", "side", "false_per_km2")),
+    "lines": Method("rx relative to an average of the lines before, line by line"),
+    "rx": Method("squared Mahalanobis distance from the background (Reed, Yu 1990)",
+                 lambda _, whiten, *__: (whiten,), law=True, invariant=True),
+    "local": Method("rx relative to the ring around each pixel", law=True, invariant=True,
+                    options=("window", "border"), covariances=("empirical", "ridge")),
+    "utd": Method("similarity to a target of the value 1 in all bands (Ashton, Schaum 1998)", _uniform),
+    "rx-utd": Method("rx minus utd", lambda background, whiten, *_: (whiten, -_uniform(background, whiten)[1])),
+    "subspace": Method("rx without the leading eigenvectors (Schaum 2007)", _subspace, law=True, options=("drop",)),
+    "residual": Method("rx after regression on the NIR", _residual, law=True, invariant=True, nir=True),
+}  # fmt: skip
 """All detectors by name; those with `matrices` compare pixels with one background for the whole scene."""
 
 

@@ -12,7 +12,7 @@ from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
 from deglint.remove.request import regression_plan
-from detect.rx import METHODS as DETECTORS
+from detect.rx import DETECTORS
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()

@@ -29,7 +29,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.argument("inputs", nargs=-1, type=options.FILE, metavar="IN [IN ...]")
 @click.argument("output", type=options.FILE, metavar="OUT")
 @options.heading("What to do")
-@click.option("--method", type=options.ChoiceFromTable("METHODS", "detect.rx", "auto"), default="auto",
+@click.option("--method", type=options.ChoiceFromTable("DETECTORS", "detect.rx", "auto"), default="auto",
               help="auto: sea where there is water, else rx. sea compares with the water around, and includes ships "
               "and boats; rx, utd, rx-utd, subspace (rx without the leading eigenvectors) and residual (rx after "
               "regression on the NIR) with the whole background; local with the ring around each pixel; lines with "

@@ -25,11 +25,11 @@ from deglint.tiles import Tile
 from ..arrays import Array, Mask, Uint8
 from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
-from ..rx import Detector, both, detector
+from ..rx import DETECTORS, Detector, both, detector
 from ..sea.model import LEAST_WATER, SeaModel
 from ..sea.model import fit as fit_sea
 from ..sea.region import WATER, SeaRule, region
-from .recipe import OPTIONS_OF, Recipe
+from .recipe import Recipe
 
 Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
@@ -47,7 +47,7 @@ UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
 class Plan:
     """The plan of a run: what the options of a recipe mean for one scene.
 
-    `bands` are 0-based bands of the scene; `nir`, for "residual", are indexes in `bands`. The background is fitted to
+    `bands` are 0-based bands of the scene; `nir`, for `Method.nir`, are indexes in `bands`. The background is fitted to
     the pixels to score inside `area` (None: everywhere), or is `given`, a saved background. The fitted `background`,
     detector (`ready`) and `model` (of "sea") are None before `fitted`, and for methods that do not use them.
     """
@@ -121,11 +121,11 @@ def make_plan(
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
-    if recipe.method == "residual":
+    if recipe.kind.nir:
         found = find_nir(scene, list(recipe.nir) or None)
         notes.append(explain_nir(scene, list(recipe.nir) or None))
         if not set(found) <= set(bands):
-            raise BandError("residual needs the NIR among the bands in use: name it with -b, too.")
+            raise BandError(f"{recipe.method} needs the NIR among the bands in use: name it with -b, too.")
         nir = tuple(bands.index(b) for b in found)
     if sea_mask is not None:
         notes.append(sea_mask[0].reason)
@@ -226,8 +226,9 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
     """Detector to use in place of "sea", and why; "" if "sea" is possible. `single` is as in `make_plan`."""
     bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
-    for name, method in (OPTIONS_OF | {"background": "rx", "covariance": "rx"}).items():
-        if method != "sea" and getattr(recipe, name) != getattr(Recipe, name):
+    others = {option: name for name, kind in DETECTORS.items() if name != "sea" for option in kind.options}
+    for name, method in (others | {"background": "rx", "covariance": "rx"}).items():
+        if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"

@@ -10,14 +10,12 @@ from deglint.errors import InputError
 
 from ..background import RIDGE, check_rule
 from ..local import BORDERS
-from ..rx import METHODS, Method
+from ..rx import DETECTORS, Method
 from ..sea.model import SIDES
 from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
 SUFFIXES = (".geojson", ".json", ".gpkg")  # extensions of the file of objects
-OPTIONS_OF = {"window": "local", "border": "local", "drop": "subspace", "largest_object": "sea", "side": "sea"}
-"""Options that only one detector has, and this detector."""
 PICTURE = "object_{:04d}.png"  # name of the picture of an object, with the number of the object
 
 
@@ -28,7 +26,7 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `detect.rx.METHODS`, or "auto": the method of an option that "sea" lacks, if set; "rx" for `threshold`
+        A key of `detect.rx.DETECTORS`, or "auto": the one with an option that "sea" lacks, if set; "rx" for `threshold`
         "f" or "chi2", p-values, a background to save, over 16 bands, under 100 pixels, or no water (sought only with
         the `mask` "auto" or "water"); else "sea".
     window : (int, int)
@@ -36,7 +34,7 @@ class Recipe:
     border, ddof : str, int
         For "local": as in `detect.local.local_rx`.
     covariance, ridge : str, float
-        As in `detect.background.fit`; "local" takes "empirical" or "ridge", "lines" and "sea" only "empirical".
+        As in `detect.background.fit`; without a background for the whole scene, as in `detect.rx.Method`.
     background : str
         Pixels in the mask to compare with. "": all valid ones; else GeoJSON file, raster, window, or saved background.
     bands, nir : tuple of str
@@ -84,21 +82,21 @@ class Recipe:
     merge_distance: float = 0.0
 
     def __post_init__(self) -> None:
-        known = {"method": ["auto", *METHODS], "threshold": THRESHOLDS, "side": ["auto", *SIDES], "border": BORDERS}
+        known = {"method": ["auto", *DETECTORS], "threshold": THRESHOLDS, "side": ["auto", *SIDES], "border": BORDERS}
         for name, values in known.items():
             check_choice(getattr(self, name), list(values), name)
         check_rule(self.covariance, self.ridge)
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         method, rate = self.method, self.false_per_km2
-        for name, owner in OPTIONS_OF.items():
-            if method not in ("auto", owner) and getattr(self, name) != getattr(Recipe, name):
+        for owner, name in ((owner, name) for owner, kind in DETECTORS.items() for name in kind.options):
+            taken = method == "auto" or name in self.kind.options
+            if not taken and getattr(self, name) != getattr(Recipe, name):
                 raise InputError(f"--{name.replace('_', '-')} is for method {owner}, not {method}: leave it out.")
-        allowed = ("empirical", "ridge") if method == "local" else ("empirical",)
-        if self.kind.matrices is None and (self.background or self.covariance not in allowed):
+        if self.kind.matrices is None and (self.background or self.covariance not in self.kind.covariances):
             raise InputError(
                 f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
-                f"{' or '.join(allowed)}."
+                f"{' or '.join(self.kind.covariances)}."
             )
         if self.ridge != RIDGE and self.covariance != "ridge":
             raise InputError("--ridge is for --covariance ridge: give that, too.")
@@ -106,8 +104,6 @@ class Recipe:
             raise InputError(f"false-per-km2: allowed is above 0, got {rate}.")
         if rate is not None and self.pfa is not None:
             raise InputError("pfa and false-per-km2 both state the false-alarm rate: give one of them.")
-        if rate is not None and method not in ("auto", "sea"):
-            raise InputError(f"false-per-km2 needs --method sea, got {method}. Give --pfa.")
         if rate is not None and self.threshold != "gpd":
             raise InputError("false-per-km2 sets the threshold: leave out --threshold, which is for --pfa.")
         if self.threshold in ("chi2", "f") and not self.kind.law and (method == "sea" or self.pfa is not None):
@@ -115,8 +111,8 @@ class Recipe:
 
     @property
     def kind(self) -> Method:
-        """Properties of the method, from `detect.rx.METHODS`; for "auto" those of "rx", which has every output."""
-        return METHODS["rx" if self.method == "auto" else self.method]
+        """Properties of the method, from `detect.rx.DETECTORS`; for "auto" those of "rx", which has every output."""
+        return DETECTORS["rx" if self.method == "auto" else self.method]
 
     @property
     def thresholded(self) -> bool:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deglint.errors import FitError, InputError
 from detect import background, local_rx, rx
-from detect.rx import METHODS, detector, residual_rx, rx_utd, score, subspace_rx, utd
+from detect.rx import DETECTORS, detector, residual_rx, rx_utd, score, subspace_rx, utd
 from detect.sea.search import score_scene
 
 SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
@@ -166,7 +166,7 @@ def test_one_extreme_pixel_is_the_only_one_that_overflows():
     np.testing.assert_array_equal(scores[rest], rx.rx(image_of().astype(np.float32), found)[rest])
 
 
-@pytest.mark.parametrize("method", [name for name, kind in METHODS.items() if kind.matrices])
+@pytest.mark.parametrize("method", [name for name, kind in DETECTORS.items() if kind.matrices])
 @pytest.mark.parametrize("bands", [1, 2, 5, 40])
 @given(top=st.integers(0, 60), left=st.integers(0, 60), rows=st.integers(1, 80), columns=st.integers(1, 80))
 @settings(max_examples=4)

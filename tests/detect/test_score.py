@@ -37,7 +37,7 @@ def scores_of(path):
         return dataset.read(1)
 
 
-@pytest.mark.parametrize("method", sorted(set(rx.METHODS) - {"sea", "lines"}))
+@pytest.mark.parametrize("method", ["local", *(n for n, kind in rx.DETECTORS.items() if kind.matrices)])
 def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     out = tmp_path / "out.tif"
     options = ("--window", "3,9") if method == "local" else ()

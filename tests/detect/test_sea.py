@@ -287,7 +287,7 @@ def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, met
     ("options", "message"),
     [
         (("--false-per-km2", "1", "--pfa", "1e-3"), "give one of them"),
-        (("--false-per-km2", "1", "--method", "rx"), "needs --method sea"),
+        (("--false-per-km2", "1", "--method", "rx"), "--false-per-km2 is for method sea, not rx"),
         (("--false-per-km2", "1", "--threshold", "empirical"), "leave out --threshold"),
         (("--method", "sea", "--covariance", "oas"), "take --covariance empirical"),
         (("--method", "sea", "--pfa", "1e-3", "--threshold", "f"), "neither chi-squared nor F"),
