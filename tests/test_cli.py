@@ -15,6 +15,7 @@ from deglint import cli
 from deglint.cli import options
 from deglint.cli import remove as command
 from deglint.remove import METHODS, REGRESSIONS
+from detect.rx import DETECTORS
 
 PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 
@@ -48,12 +49,22 @@ def test_the_choices_of_the_command_line_are_the_tables():
     assert choices == {"method": ("auto", *METHODS), "regression": ("auto", *REGRESSIONS)}
 
 
+@pytest.mark.parametrize(("call", "table"), [("deglint remove", METHODS), ("rxdetect score", DETECTORS)])
+def test_help_says_what_each_method_does_and_which_options_it_takes(call, table, request):
+    program, command = call.split()
+    said = " ".join(request.getfixturevalue(program)(command, "--help").out.split())
+    for name, method in table.items():
+        takes = "; takes " + ", ".join(f"--{option}" for option in method.options) if method.options else ""
+        assert f" {name} {method.summary}{takes.replace('_', '-')} " in said
+
+
 @pytest.mark.parametrize(
     ("program", "name", "groups"),
-    [("deglint", "remove", ["What to do:", "Details of the fit:", "Input:", "Output:", "Processing:", "Messages:"]),
+    [("deglint", "remove",
+      ["What to do:", "Methods:", "Details of the fit:", "Input:", "Output:", "Processing:", "Messages:"]),
      ("deglint", "info", ["What to do:", "Input:", "Processing:", "Messages:"]),
      ("deglint", "batch", ["Output:", "Processing:", "Messages:"]),
-     ("rxdetect", "score", ["What to do:", "Input:", "Output:", "Processing:", "Messages:"])],
+     ("rxdetect", "score", ["What to do:", "Methods:", "Input:", "Output:", "Processing:", "Messages:"])],
 )  # fmt: skip
 def test_help_lists_options_in_groups_with_their_defaults(program, name, groups, request):
     ran = request.getfixturevalue(program)(name, "--help")

@@ -18,7 +18,10 @@ SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # clic
 
 
 class Grouped(click.Command):
-    """click command whose `--help` lists its options in groups, below the headings from the decorator `heading`."""
+    """click command whose `--help` lists its options in groups, below the headings from the decorator `heading`.
+
+    The entries of the table of `--method` follow its group.
+    """
 
     context_class = BoldContext
 
@@ -28,6 +31,8 @@ class Grouped(click.Command):
         for parameter in self.get_params(ctx):
             if record := isinstance(parameter, click.Option) and parameter.get_help_record(ctx):
                 groups.setdefault(getattr(parameter, "heading", "Messages"), []).append(record)
+            if parameter.name == "method" and isinstance(parameter.type, ChoiceFromTable):
+                groups["Methods"] = parameter.type.summaries()
         for text, records in groups.items():
             with formatter.section(text):
                 formatter.write_dl(records)
@@ -55,6 +60,12 @@ class ChoiceFromTable(click.Choice[str]):
         """All allowed values of the option."""
         table = getattr(import_module(self._module), self._table)
         return (*self._words, *(get_args(table) or table))
+
+    def summaries(self) -> list[tuple[str, str]]:
+        """Name and summary of each entry of a table of methods, with the options that others do not take."""
+        table = getattr(import_module(self._module), self._table).items()
+        rows = ((name, entry.summary, ", --".join(entry.options).replace("_", "-")) for name, entry in table)
+        return [(name, f"{summary}; takes --{own}" if own else summary) for name, summary, own in rows]
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
         """The usual message, and the choice that is similar to `value`, if any."""

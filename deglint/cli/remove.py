@@ -29,7 +29,7 @@ PERCENT = click.FloatRange(0, 100)
 PERCENT.name = "number from 0 to 100, such as 5"  # in the message: "5%" is not a valid ...
 KEPT_WIDTH = "4m, or 16px where the size of a pixel is not known"
 HELP = {
-    "--method": "How to remove glint; auto: the candidate with the least expected error on sample tiles.",
+    "--method": "How to remove glint (see Methods); auto: the candidate with the least expected error on sample tiles.",
     "--sample": "Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
     "column,row,width,height in pixels.",
     "--compensate": "Stages around the removal, for glint that the NIR does not predict; auto: those of the best "
@@ -39,9 +39,9 @@ HELP = {
     "--mask": "What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
     "--band": "Bands to correct, by name or number (from 1). The others are copied.",
     "--regression": "How slopes are fitted; auto: detrended for an automatic sample, else ols.",
-    "--floor-percentile": "For hedley and multiband: percentile that is the level; 0: minimum, for multiband 5 %.",
+    "--floor-percentile": "Percentile that is the level; 0: that of the method (minimum, for multiband 5 %).",
     "--nir-use": "Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
-    "--rrs-factor": "For goodman: values are this many times remote-sensing reflectance; pi for reflectance.",
+    "--rrs-factor": "Values are this many times remote-sensing reflectance; pi for reflectance.",
     "--grid": "Of several files, the one whose grid to use.",
     "--flags": "Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative after, 16 saturated before, 32 "
     "clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), 1 negligible, 2 correctable, 3 "

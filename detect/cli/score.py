@@ -30,10 +30,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.argument("output", type=options.FILE, metavar="OUT")
 @options.heading("What to do")
 @click.option("--method", type=options.ChoiceFromTable("DETECTORS", "detect.rx", "auto"), default="auto",
-              help="auto: sea where there is water, else rx. sea compares with the water around, and includes ships "
-              "and boats; rx, utd, rx-utd, subspace (rx without the leading eigenvectors) and residual (rx after "
-              "regression on the NIR) with the whole background; local with the ring around each pixel; lines with "
-              "the lines before.")
+              help="How to score (see Methods); auto: sea where there is water, else rx.")
 @click.option("--lines", is_flag=True,
               help="The same as --method lines: score line by line, in the order of the file, in bounded memory.")
 @click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",
