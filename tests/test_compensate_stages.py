@@ -84,8 +84,11 @@ def test_reading_a_chain():
         ("identify-level, replace-bands", "name normalise at the beginning"),
         ("normalise, replace-bands", "replace-bands needs glint to be identified"),
         ("median", "median needs glint to be identified"),
-        ("identify-median, replace-level", "replace-level needs a level"),
-        ("identify-level, remove, replace-level", "replace-level needs a level"),
+        ("identify-median, replace-level", "replace-level needs glint to be identified: name identify-level before"),
+        (
+            "identify-level, remove, replace-level",
+            "replace-level needs glint to be identified: name identify-level before",
+        ),
         ("normalise, identify-median, median, replace-bands", "replace-bands needs glint"),
         ("psf:2", "psf serves identify-level"),
         ("normalise, targets, remove", "leave out normalise"),

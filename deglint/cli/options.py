@@ -18,10 +18,7 @@ SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # clic
 
 
 class Grouped(click.Command):
-    """click command whose `--help` lists its options in groups, below the headings from the decorator `heading`.
-
-    The entries of the table of `--method` follow its group.
-    """
+    """click command whose `--help` lists its options in groups (see `heading`), and the methods of its `--method`."""
 
     context_class = BoldContext
 

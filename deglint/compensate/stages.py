@@ -38,17 +38,19 @@ class Kind:
     high: float = 0.0  # largest number; 0 for a stage without a number
     whole: bool = False  # the number must be an integer
     odd: bool = False  # the number must be an odd integer
+    identifies: str = ""  # "glint", or "level": glint, and the background that it exceeds
+    replaces: str = ""  # what it replaces, in every band: identified "glint", glint above the "level", or the "image"
 
 
 STAGES: dict[str, Kind] = {
     "normalise": Kind(normalise.fit, Normalise, 1, 100),  # by the median of deep water; its mode if glint covers > N %
     "psf": Kind(Sharpen.fit, Sharpen, 1, 20, whole=True),  # N iterations of Richardson-Lucy, for the background only
-    "psf-image": Kind(SharpenImage.fit, SharpenImage, 1, 20, whole=True),  # the same, as the image itself
-    "identify-median": Kind(identify.fit, IdentifyMedian, 0, 1000),  # glint is above median + N lower-side deviations
-    "identify-level": Kind(background.fit, Background, 3, 255, odd=True),  # above the opened background, N pixels wide
-    "replace-bands": Kind(replace_glint.fit_bands, ReplaceBands),  # from the spectrally nearest band without glint
-    "replace-level": Kind(lambda *_: ReplaceLevel(), ReplaceLevel),  # from the band's own background
-    "median": Kind(median.fit, Median, 3, 255, odd=True),  # adaptive median up to N pixels where glint is left
+    "psf-image": Kind(SharpenImage.fit, SharpenImage, 1, 20, whole=True, replaces="image"),  # the same, as the image
+    "identify-median": Kind(identify.fit, IdentifyMedian, 0, 1000, identifies="glint"),  # N deviations above median
+    "identify-level": Kind(background.fit, Background, 3, 255, odd=True, identifies="level"),  # opening, N pixels wide
+    "replace-bands": Kind(replace_glint.fit_bands, ReplaceBands, replaces="glint"),  # from the nearest band without
+    "replace-level": Kind(lambda *_: ReplaceLevel(), ReplaceLevel, replaces="level"),  # from the band's own background
+    "median": Kind(median.fit, Median, 3, 255, odd=True, replaces="glint"),  # adaptive median up to N pixels
     "targets": Kind(targets.fit, Targets, 1e-9, 0.1),  # small bright targets, at a false-alarm rate of N, restored
     "remove": Kind(),  # where the removal by the NIR stands
     "posterior": Kind(posterior.fit, Posterior, 1, 64, whole=True),  # mean of the water; clumps of glint N pixels wide
@@ -91,7 +93,7 @@ class Chain:
     @property
     def replaces(self) -> bool:
         """Whether a stage may replace pixels also in bands that the removal does not correct."""
-        return any(s.name.startswith(("replace", "median", "psf-image")) for s in (*self.before, *self.after))
+        return any(STAGES[stage.name].replaces for stage in (*self.before, *self.after))
 
     @property
     def halo(self) -> int:
@@ -142,7 +144,7 @@ def _number(name: str, text: str) -> float:
 
 def _check(names: Sequence[str]) -> None:
     """Raise InputError if a stage lacks what it needs before or after it, or cannot follow another (`NEVER_AFTER`)."""
-    ready: set[str] = set()
+    ready: set[str] = set()  # stages whose result is not used up
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 : [*names, "remove"].index("remove", place + 1)]
         for other in before:
@@ -152,16 +154,14 @@ def _check(names: Sequence[str]) -> None:
             raise InputError("psf serves identify-level: name that right after it, or psf-image for the image itself.")
         if name == "posterior" and "remove" not in before:
             raise InputError("posterior treats what removal leaves: name remove before it.")
-        if name == "targets" and "level" in ready and not {"replace-level", "median"} & set(after):
+        if name == "targets" and "identify-level" in ready and not {"replace-level", "median"} & set(after):
             raise InputError("targets after identify-level are replaced before the removal: name replace-level.")
         if name == "replace-bands" and "normalise" not in before:
             raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
-        if name in ("replace-bands", "median") and "glint" not in ready:
-            raise InputError(f"{name} needs glint to be identified: name identify-median or identify-level before it.")
-        if name == "replace-level" and "level" not in ready:
-            raise InputError("replace-level needs a level: name identify-level before it.")
-        if name.startswith("identify"):
-            ready |= {"glint", "level"} if name == "identify-level" else {"glint"}
+        finders = [n for n, kind in STAGES.items() if kind.identifies in ("level", STAGES[name].replaces)]
+        if STAGES[name].replaces in ("glint", "level") and not ready & {*finders}:
+            raise InputError(f"{name} needs glint to be identified: name {' or '.join(finders)} before it.")
+        ready.add(name)
         if name in ("replace-level", "median", "remove"):
             ready.clear()
 

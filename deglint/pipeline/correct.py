@@ -309,8 +309,8 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
     """The correction `work`, made to compute standard errors, too. Raises InputError or FitError if it cannot do so."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
-    names = {stage.name for stage in work.chain.before}
-    opens = "identify-level" in names and bool({"replace-bands", "replace-level", "median"} & names)
+    names = [stage.name for stage in work.chain.before]
+    opens = "identify-level" in names and any(compensate.STAGES[n].replaces in ("glint", "level") for n in names)
     if work.chain.replaces and not opens:
         raise InputError("--stderr needs identify-level and replace-level before remove, or --compensate off.")
     every = sample_of(list(on_threads(_tiles_of(work.scene), work.training, threads)))

@@ -181,8 +181,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
         model, sampled, of_sample = fit_sampled(job, method)
     log_model(model, of_sample)
     used = "auto" if method == "copy" else model.method
-    regression = model.regression or "auto"
-    resolved = replace(recipe, method=used, compensate=text, smallest_object="", regression=regression)
+    resolved = replace(recipe, method=used, compensate=text, smallest_object="", regression=model.regression or "auto")
     every, water = (*notes, *(choice.lines() if choice else ()), *of_sample), (overview.water, overview.bands)
     return Fitted(model, resolved, every, sampled[0], sampled[1], *water, chain, choice)
 
