@@ -2,14 +2,17 @@
 
 import doctest
 import importlib
+import re
 from pathlib import Path
 
 import pytest
 
 import deglint
 from deglint import sensors
+from deglint.compensate import STAGES
 from deglint.pipeline import FLAGS
 from deglint.remove import METHODS, REGRESSIONS
+from detect.rx import DETECTORS
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(path for room in ("deglint", "detect") for path in (ROOT / room).rglob("*.py"))
@@ -20,9 +23,13 @@ EXAMPLES = [
 ]
 
 
-@pytest.mark.parametrize("name", [*METHODS, *REGRESSIONS])
-def test_every_method_and_regression_is_documented(name):
-    assert f"`{name}`" in (ROOT / "docs" / "methods.md").read_text()
+@pytest.mark.parametrize(
+    ("page", "tables"),
+    [("methods", (METHODS, REGRESSIONS)), ("compensation", (STAGES,)), ("detection", (DETECTORS,))],
+)
+def test_every_entry_of_the_tables_is_documented(page, tables):
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    assert [name for table in tables for name in table if not re.search(rf"`{name}[`\[]", text)] == []
 
 
 def test_every_flag_is_documented():
@@ -52,8 +59,6 @@ def test_the_sample_scene_is_described():
 
 def test_the_sample_scene_is_what_its_command_makes(tmp_path):
     """The command in its README, run again, gives the same pixels (to what other versions of libraries change)."""
-    import re
-
     import numpy as np
 
     from deglint.cli import run
@@ -75,8 +80,6 @@ def test_examples_in_docstrings_run(name):
 
 def test_glint_comes_off_the_sample_scenes(tmp_path):
     """Error in percent of the water level, COASTAL to RED; in `sea` each band follows the NIR of its own set."""
-    import re
-
     import cv2
     import numpy as np
 
@@ -131,7 +134,6 @@ def test_the_samples_are_what_their_script_makes(name):
 
 
 def test_citation_recipe_and_changelog_agree_with_the_package():
-    import re
     import tomllib
 
     version = deglint.__version__
