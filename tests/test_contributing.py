@@ -1,44 +1,50 @@
 """CONTRIBUTING.md says what is there, and its walks to a new method, stage and detector work."""
 
+import json
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import rasterio
+from scipy.stats import f as f_law
 
-import deglint
+import deglint as library
 from deglint.compensate.replace_glint import put
 from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
 from deglint.remove.request import regression_plan
 from detect.rx import DETECTORS
+from detect.rx import Method as Detector
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()
 
 
 def test_the_files_and_tables_that_it_names_exist():
-    paths = set(re.findall(r"`((?:deglint|detect|tests|docs|recipe)/[\w/.]*)`", TEXT)) - {"deglint/remove/NAME.py"}
+    paths = set(re.findall(r"`((?:deglint|detect|tests|docs|recipe|qgis)/[\w/.]*)`", TEXT)) - {"deglint/remove/NAME.py"}
     assert len(paths) > 8
     assert [p for p in paths if not (ROOT / p).exists()] == []
     for table, path in re.findall(r"to `([A-Z_]+)` in `([\w/.]+)`", TEXT):
         assert re.search(rf"^{table}\b", (ROOT / path).read_text(), re.MULTILINE), (table, path)
 
 
-def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write, tmp_path):
+def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path, deglint):
     def fit(request, stats):
         return replace(hedley.fit(request, stats), method="mine")
 
-    monkeypatch.setitem(METHODS, "mine", Method("as Hedley", fit, regression_plan, ("regression",)))
-    source = write(tmp_path / "in.tif", sea())
-    options = {"sample": "all", "mask": "none", "compensate": "off"}
-    result = deglint.remove_glint(source, tmp_path / "mine.tif", deglint.Recipe(method="mine", **options))
-    deglint.remove_glint(source, tmp_path / "hedley.tif", deglint.Recipe(method="hedley", **options))
-    assert result.fitted.model.method == "mine"
-    with rasterio.open(tmp_path / "mine.tif") as mine, rasterio.open(tmp_path / "hedley.tif") as other:
-        assert (mine.read() == other.read()).all()
+    monkeypatch.setitem(METHODS, "mine", Method("as Hedley, by another name", fit, regression_plan, ("regression",)))
+    assert "mine             as Hedley, by another name; takes --regression\n" in deglint("remove", "--help").out
+    source, model = write(tmp_path / "in.tif", sea()), tmp_path / "model.json"
+    plain = ("--sample", "all", "--mask", "none", "--regression", "huber")
+    for method, more in (("mine", ("--save-model", model)), ("hedley", ())):
+        ran = deglint("remove", source, tmp_path / f"{method}.tif", "--method", method, *plain, *more)
+        assert ran.code == 0, ran.err
+    assert (read(tmp_path / "mine.tif") == read(tmp_path / "hedley.tif")).all()
+    assert load_model(str(model)).method == "mine"
+    ran = deglint("remove", source, tmp_path / "again.tif", "--model", model, "--mask", "none")
+    assert ran.code == 0, ran.err
+    assert (read(tmp_path / "again.tif") == read(tmp_path / "mine.tif")).all()
 
 
 @dataclass(frozen=True)
@@ -58,19 +64,35 @@ def test_a_new_stage_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write
     monkeypatch.setitem(STAGES, "ceiling", kind)
     source, out, model = (tmp_path / name for name in ("in.tif", "out.tif", "model.json"))
     write(source, sea())
-    recipe = deglint.Recipe(method="hedley", sample="all", mask="none", compensate="remove, ceiling:300")
-    deglint.remove_glint(source, out, recipe, model_file=model)
+    recipe = library.Recipe(method="hedley", sample="all", mask="none", compensate="remove, ceiling:300")
+    library.remove_glint(source, out, recipe, model_file=model)
     assert (read(out).max(axis=(1, 2)) == 300).all()
     assert (read(source).max(axis=(1, 2)) > 300).all()
     again = {"model": load_model(str(model)), "chain": load_chain(str(model))}
-    deglint.remove_glint(source, tmp_path / "again.tif", **again)
+    library.remove_glint(source, tmp_path / "again.tif", **again)
     assert (read(tmp_path / "again.tif") == read(out)).all()
 
 
-def test_a_new_detector_is_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path, rxdetect):
-    monkeypatch.setitem(DETECTORS, "mine", replace(DETECTORS["rx"]))
-    source = write(tmp_path / "in.tif", sea())
-    for method in ("mine", "rx"):
-        ran = rxdetect("score", source, tmp_path / f"{method}.tif", "--method", method, "--mask", "none")
-        assert ran.code == 0, ran.err
-    assert (read(tmp_path / "mine.tif") == read(tmp_path / "rx.tif")).all()
+def test_a_new_detector_is_a_function_and_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path, rxdetect):
+    def in_first_band(background, *_):
+        return (np.eye(1, background.bands) / np.sqrt(background.covariance[0, 0]),)
+
+    line = Detector("squared distance from the mean of the first band, in variances", in_first_band, law=True)
+    monkeypatch.setitem(DETECTORS, "mine", line)
+    assert "mine      squared distance from the mean of the first band" in rxdetect("score", "--help").out
+    pixels, truth = sea(), np.zeros((1, 80, 100), np.uint8)
+    pixels[0, 40:44, 50:54] += 900
+    truth[0, 40:44, 50:54] = 1
+    source, known = write(tmp_path / "in.tif", pixels), write(tmp_path / "truth.tif", truth, names=None)
+    out, p, found = (tmp_path / name for name in ("out.tif", "p.tif", "found.geojson"))
+    call = ("--method", "mine", "--pfa", "1e-3", "--threshold", "chi2", "--p-value", p, "--objects", found)
+    ran = rxdetect("score", source, out, *call)
+    assert ran.code == 0, ran.err
+    band = pixels[0].astype(float)
+    expected = (band - band.mean()) ** 2 / band.var(ddof=1)
+    np.testing.assert_allclose(read(out)[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(read(p)[0], f_law.sf(expected * 8000 / 8001, 1, 7999), rtol=1e-4)
+    inside, outside = expected[truth[0] == 1], expected[truth[0] == 0]
+    judged = json.loads(rxdetect("roc", out, known, "--json", "--bootstrap", "0").out)
+    assert judged["detectors"][0]["auc"] == np.mean(inside[:, None] > outside)
+    assert len(json.loads(found.read_text())["features"]) >= 1
