@@ -67,7 +67,7 @@ def score(
     background : Background, optional
         A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With it, a
         lazy array is not read now (unless for the mask "water"), nor searched for nodata: declare it, or pass `nodata`.
-        Not for "sea" and "local", which have a background of their own for every pixel; "auto" selects "rx".
+        Not for a method that has a background of its own for every pixel, such as "local"; "auto" selects "rx".
 
     Returns
     -------

@@ -59,13 +59,9 @@ METHODS: dict[str, Method] = {
     ),
     "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, (_SLOPES,)),
     "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, (_SLOPES,)),
-    "multiband": Method(
-        "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, (_LEVEL,)
-    ),
+    "multiband": Method("longer bands together, level at a low percentile", multiband.fit, multiband.plan, (_LEVEL,)),
     "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
-    "goodman": Method(
-        "reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit, options=("rrs_factor",)
-    ),
+    "goodman": Method("reflectance at 750 nm, floor from 640 nm (Goodman 2008)", goodman.fit, options=("rrs_factor",)),
     "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),
     "nir-subtraction": Method("subtract the NIR reflectance itself (Dierssen 2003)", nir_subtraction.fit),
 }

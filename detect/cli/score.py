@@ -30,9 +30,8 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.argument("output", type=options.FILE, metavar="OUT")
 @options.heading("What to do")
 @click.option("--method", type=options.ChoiceFromTable("DETECTORS", "detect.rx", "auto"), default="auto",
-              help="How to score (see Methods); auto: sea where there is water, else rx.")
-@click.option("--lines", is_flag=True,
-              help="The same as --method lines: score line by line, in the order of the file, in bounded memory.")
+              help="Detector (see Methods); auto: sea where there is water, else rx.")
+@click.option("--lines", is_flag=True, help="The same as --method lines: in the order of the file, in bounded memory.")
 @click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",
               help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold "
               "the largest object.")

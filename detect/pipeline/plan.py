@@ -127,8 +127,7 @@ def make_plan(
         if not set(found) <= set(bands):
             raise BandError(f"{recipe.method} needs the NIR among the bands in use: name it with -b, too.")
         nir = tuple(bands.index(b) for b in found)
-    if sea_mask is not None:
-        notes.append(sea_mask[0].reason)
+    notes += [sea_mask[0].reason] if sea_mask else []
     size = (scene.height, scene.width)
     # from georeferencing, the tag GSD_M, or the sensor
     pixel_area = ground_area(scene.transform, scene.crs, *size) or (pixel_size(scene) or 0) ** 2 or None

@@ -90,8 +90,7 @@ class Recipe:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         method, rate = self.method, self.false_per_km2
         for owner, name in ((owner, name) for owner, kind in DETECTORS.items() for name in kind.options):
-            taken = method == "auto" or name in self.kind.options
-            if not taken and getattr(self, name) != getattr(Recipe, name):
+            if method != "auto" and name not in self.kind.options and getattr(self, name) != getattr(Recipe, name):
                 raise InputError(f"--{name.replace('_', '-')} is for method {owner}, not {method}: leave it out.")
         if self.kind.matrices is None and (self.background or self.covariance not in self.kind.covariances):
             raise InputError(
