@@ -13,8 +13,8 @@ from sklearn.covariance import EmpiricalCovariance
 from threadpoolctl import threadpool_limits
 
 from detect.bench.numbers import short
+from detect.global_rx import rx
 from detect.local import local_rx
-from detect.rx import rx
 
 from .timing import in_turns, machine, say
 

@@ -26,10 +26,10 @@ from deglint import Recipe, open_scene, remove_glint
 from deglint.morphology import grown
 from deglint.readers.grid import ground_area
 from detect import local_rx
+from detect.global_rx import rx
 from detect.objects import find
 from detect.pipeline import Recipe as Search
 from detect.pipeline import score_file
-from detect.rx import rx
 
 from .files import DATA, plane
 

@@ -21,8 +21,8 @@ from deglint import remove
 from deglint.errors import DeglintError
 from deglint.moments import cell_moments
 from detect.background import fit
+from detect.global_rx import detector, score
 from detect.local import local_rx
-from detect.rx import detector, score
 
 from .timing import say
 

@@ -1,7 +1,7 @@
 """Background of a scene: mean and covariance of its pixels, used to score this scene or another.
 
 `fit` computes a `Background` from a whole array. `Part` computes it from tiles, with the same result to the bit. A
-`Background` can be saved as JSON; `detect.rx` computes scores with it. No file is opened here.
+`Background` can be saved as JSON; `detect.global_rx` computes scores with it. No file is opened here.
 """
 
 import json

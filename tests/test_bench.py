@@ -16,9 +16,9 @@ from deglint.remove import METHODS
 from detect.bench import report, run, scenes
 from detect.bench.numbers import Number, as_json, over_seeds, rms_error, timed
 from detect.bench.run import DEFAULT, RAW
+from detect.global_rx import rx
 from detect.report.page import as_uri, check_installed
 from detect.roc import Roc
-from detect.rx import rx
 
 SMALL = 64
 NAN = math.nan

@@ -97,7 +97,7 @@ def test_other_programs_score_what_we_score():
 def test_sizes_of_rooms_and_of_what_is_too_large():
     long = "def f(self, a, b, c, d, e, f, g, h):\n" + '    """Doc.\n\n    More.\n    """\n' + "    a = 1\n" * 60
     found = {"deglint/moments.py": "x = 1\n", "deglint/pipeline/run.py": long, "detect/bench/run.py": "\n" * 401,
-             "detect/rx.py": "\n" * 2, "benchmarks/big.py": long}  # fmt: skip
+             "detect/global_rx.py": "\n" * 2, "benchmarks/big.py": long}  # fmt: skip
     lines = size.sizes(found)
     assert (lines["foundations"], lines["pipeline, batch"], lines["detect/bench"], lines["detect"]) == (1, 65, 401, 2)
     modules, functions, parameters = (rows for _, _, rows in size.too_large(found))

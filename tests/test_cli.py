@@ -15,7 +15,7 @@ from deglint import cli
 from deglint.cli import options
 from deglint.cli import remove as command
 from deglint.remove import METHODS, REGRESSIONS
-from detect.rx import DETECTORS
+from detect.global_rx import DETECTORS
 
 PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 

@@ -14,8 +14,8 @@ from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
 from deglint.remove import METHODS, Method, hedley
 from deglint.remove.request import regression_plan
-from detect.rx import DETECTORS
-from detect.rx import Method as Detector
+from detect.global_rx import DETECTORS
+from detect.global_rx import Method as Detector
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()

@@ -15,9 +15,9 @@ from deglint.errors import FitError
 from deglint.moments import cell_moments
 from deglint.remove.detrend import detrend
 from detect.background import fit
+from detect.global_rx import detector, rx, score
 from detect.local import local_rx
 from detect.roc import Roc, auc_interval, compare
-from detect.rx import detector, rx, score
 from detect.threshold import from_f, p_value
 
 

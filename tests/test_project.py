@@ -12,7 +12,7 @@ from deglint import sensors
 from deglint.compensate import STAGES
 from deglint.pipeline import FLAGS
 from deglint.remove import METHODS, REGRESSIONS
-from detect.rx import DETECTORS
+from detect.global_rx import DETECTORS
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(path for room in ("deglint", "detect") for path in (ROOT / room).rglob("*.py"))
@@ -40,7 +40,7 @@ def test_every_flag_is_documented():
 def test_public_names_exist():
     for name in deglint.__all__:
         assert getattr(deglint, name) is not None
-    with pytest.raises(AttributeError, match="no attribute"):
+    with pytest.raises(AttributeError, match="deglint attribute nonsense"):
         deglint.nonsense  # noqa: B018
 
 
@@ -136,9 +136,11 @@ def test_the_samples_are_what_their_script_makes(name):
 def test_citation_recipe_and_changelog_agree_with_the_package():
     import tomllib
 
-    version = deglint.__version__
+    from packaging.version import Version
+
+    version = re.search(r"^## \[([\d.]+)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1]
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
-    assert f"## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
+    assert Version(deglint.__version__) >= Version(f"{version}.dev0")
     recipe = (ROOT / "recipe" / "recipe.yaml").read_text()
     assert f'version: "{version}"' in recipe
     names = {"opencv-contrib-python-headless": "py-opencv", "pvlib": "pvlib-python"}

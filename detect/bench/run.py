@@ -15,8 +15,8 @@ from deglint.physics.presets import preset
 from deglint.remove import METHODS
 
 from ..arrays import Float64
+from ..global_rx import rx
 from ..roc import Roc, object_curve
-from ..rx import rx
 from .numbers import VISIBLE_BANDS, Number, over_seeds, rms_error, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 

@@ -29,7 +29,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.argument("inputs", nargs=-1, type=options.FILE, metavar="IN [IN ...]")
 @click.argument("output", type=options.FILE, metavar="OUT")
 @options.heading("What to do")
-@click.option("--method", type=options.ChoiceFromTable("DETECTORS", "detect.rx", "auto"), default="auto",
+@click.option("--method", type=options.ChoiceFromTable("DETECTORS", "detect.global_rx", "auto"), default="auto",
               help="Detector (see Methods); auto: sea where there is water, else rx.")
 @click.option("--lines", is_flag=True, help="The same as --method lines: in the order of the file, in bounded memory.")
 @click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",

@@ -24,8 +24,8 @@ from deglint.tiles import Tile
 
 from ..arrays import Array, Mask, Uint8
 from ..background import Background, Part, sample_share
+from ..global_rx import DETECTORS, Detector, both, detector
 from ..local import CELL, WindowRule
-from ..rx import DETECTORS, Detector, both, detector
 from ..sea.model import LEAST_WATER, SeaModel
 from ..sea.model import fit as fit_sea
 from ..sea.region import WATER, SeaRule, region

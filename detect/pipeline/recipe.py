@@ -9,8 +9,8 @@ from deglint.checks import check_choice, checked_keywords
 from deglint.errors import InputError
 
 from ..background import RIDGE, check_rule
+from ..global_rx import DETECTORS, Method
 from ..local import BORDERS
-from ..rx import DETECTORS, Method
 from ..sea.model import SIDES
 from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
@@ -26,7 +26,7 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `detect.rx.DETECTORS`, or "auto": the one with an option that "sea" lacks, if set; "rx" for `threshold`
+        A key of `global_rx.DETECTORS`, or "auto": the one with an option that "sea" lacks, if set; "rx" for `threshold`
         "f" or "chi2", p-values, a background to save, over 16 bands, under 100 pixels, or no water (sought only with
         the `mask` "auto" or "water"); else "sea".
     window : (int, int)
@@ -34,7 +34,7 @@ class Recipe:
     border, ddof : str, int
         For "local": as in `detect.local.local_rx`.
     covariance, ridge : str, float
-        As in `detect.background.fit`; without a background for the whole scene, as in `detect.rx.Method`.
+        As in `detect.background.fit`; without a background for the whole scene, as in `global_rx.Method`.
     background : str
         Pixels in the mask to compare with. "": all valid ones; else GeoJSON file, raster, window, or saved background.
     bands, nir : tuple of str
@@ -110,7 +110,7 @@ class Recipe:
 
     @property
     def kind(self) -> Method:
-        """Properties of the method, from `detect.rx.DETECTORS`; for "auto" those of "rx", which has every output."""
+        """Properties of the method, from `DETECTORS`; for "auto" those of "rx", which has every output."""
         return DETECTORS["rx" if self.method == "auto" else self.method]
 
     @property

@@ -9,9 +9,9 @@ import numpy as np
 from deglint.tiles import Tile
 
 from ..arrays import Float32, Mask, Uint8
+from ..global_rx import score
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
-from ..rx import score
 from ..sea.model import SeaModel
 from ..sea.model import score as score_sea
 from ..sea.region import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, SeaRule

@@ -27,7 +27,7 @@ def test_scores_follow_the_background_and_never_the_line_itself():
 def test_an_even_sea_gives_what_rx_gives():
     lines = np.random.default_rng(1).normal(50, 2, (300, 3, 200))
     scores = np.stack(list(score_lines(lines, memory=10_000)))
-    np.testing.assert_allclose(scores[250:], rx.rx(lines.swapaxes(0, 1))[250:], rtol=0.1, atol=0.1)
+    np.testing.assert_allclose(scores[250:], rx(lines.swapaxes(0, 1))[250:], rtol=0.1, atol=0.1)
 
 
 def test_invalid_pixels_have_no_score_and_teach_nothing():

@@ -9,7 +9,7 @@ import rasterio
 
 from deglint import open_scene
 from deglint.errors import InputError
-from detect import background, local, rx, threshold
+from detect import background, global_rx, local, rx, threshold
 from detect.pipeline import Recipe, score_file
 from detect.pipeline import scoring as flags
 from detect.pipeline.features import to_wgs84
@@ -37,7 +37,7 @@ def scores_of(path):
         return dataset.read(1)
 
 
-@pytest.mark.parametrize("method", ["local", *(n for n, kind in rx.DETECTORS.items() if kind.matrices)])
+@pytest.mark.parametrize("method", ["local", *(n for n, kind in global_rx.DETECTORS.items() if kind.matrices)])
 def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     out = tmp_path / "out.tif"
     options = ("--window", "3,9") if method == "local" else ()
@@ -47,7 +47,7 @@ def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     if method == "local":
         expected = local.local_rx(image, inner=3, outer=9)
     else:
-        expected = rx.score(image, rx.detector(method, background.fit(image), nir=[3]))
+        expected = global_rx.score(image, global_rx.detector(method, background.fit(image), nir=[3]))
     np.testing.assert_array_equal(scores_of(out), expected)
     said = json.loads(ran.out)
     assert said["pixels"]["not_valid"] == 100
@@ -188,7 +188,7 @@ def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
     ran = rxdetect("score", other, tmp_path / "out2.tif", "--background", saved)
     assert ran.code == 0, ran.err
     fitted = background.fit(pixels_of(scene)[[2, 3, 0]])
-    np.testing.assert_allclose(scores_of(tmp_path / "out2.tif"), rx.rx(pixels_of(other)[[1, 0, 3]], fitted), rtol=2e-7)
+    np.testing.assert_allclose(scores_of(tmp_path / "out2.tif"), rx(pixels_of(other)[[1, 0, 3]], fitted), rtol=2e-7)
     ran = rxdetect("score", other, tmp_path / "out3.tif", "--background", saved, "-b", "1,2")
     assert (ran.code, "the saved background has 3 bands" in ran.err) == (1, True)
 
@@ -219,15 +219,15 @@ def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, writ
     inside[:, :100] = True
     out = tmp_path / "out.tif"
     assert rxdetect("score", scene, out, "--background", area).code == 0
-    np.testing.assert_array_equal(scores_of(out), rx.rx(image, inside))
+    np.testing.assert_array_equal(scores_of(out), rx(image, inside))
     ran = rxdetect("score", scene, out, "--method", "rx", "--mask", area, "--overwrite", "--json")
-    np.testing.assert_array_equal(scores_of(out), rx.rx(image, mask=inside))
+    np.testing.assert_array_equal(scores_of(out), rx(image, mask=inside))
     assert json.loads(ran.out)["pixels"]["masked_out"] == 200 * 130
     mask = write(tmp_path / "mask.tif", inside[None].astype(np.uint8), names=None)
     for method in ("local", "rx"):
         assert rxdetect("score", scene, out, "--mask", mask, "--overwrite", "--method", method).code == 0
         expected = (
-            local.local_rx(image, inner=5, outer=21, mask=inside) if method == "local" else rx.rx(image, mask=inside)
+            local.local_rx(image, inner=5, outer=21, mask=inside) if method == "local" else rx(image, mask=inside)
         )
         np.testing.assert_array_equal(scores_of(out), expected)
 

@@ -12,11 +12,9 @@ Engineering and Remote Sensing 64, 723-731.
 Schaum (2007), "Hyperspectral anomaly detection beyond RX", Proc. SPIE 6565, 656502, doi:10.1117/12.718789.
 """
 
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -280,13 +278,3 @@ def _run(method: str, image: Array, background: Background | Mask | None, mask: 
 def both(a: Mask | None, b: Mask | None) -> Mask | None:
     """Intersection of two masks; None means everywhere."""
     return b if a is None else a if b is None else a & b
-
-
-class _Callable(ModuleType):
-    """Type of this module, which makes it callable: `detect.rx(image)` calls `detect.rx.rx(image)`."""
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Scores:
-        return rx(*args, **kwargs)
-
-
-sys.modules[__name__].__class__ = _Callable
