@@ -13,6 +13,7 @@ from ..choose.candidates import OF_OBJECT
 from ..choose.implants import discs
 from ..choose.trial import LARGEST_DISC
 from ..compensate import Chain, Posterior, ReplacedError, Sample, Setting, State, apply_chain, with_targets
+from ..compensate.state import Float32
 from ..compensate.uncertainty import halo as span_halo
 from ..errors import FitError, InputError
 from ..masks import WaterRule, water
@@ -26,11 +27,12 @@ from ..readers.roles import find_band
 from ..remove import GlintModel, apply
 from ..remove.noise import noise
 from ..remove.predict import glint
-from ..scene import Scene
+from ..scene import FloatArray, Scene
 from ..tiles import Tile
 from . import flags as bits
+from .block import Block, Corrected, CorrectedTile
 from .fit import Fitted
-from .outputs import Outputs, PixelCounts
+from .outputs import Outputs
 from .overview import block_of, on_threads, raster_of, tile_shape_of
 from .recipe import Recipe, smallest_object
 from .sample import Training, sample_of
@@ -41,41 +43,6 @@ of the scene, however the scene is stored and read, so that the result is the sa
 STRIP = 4 << 20  # most values in a tile of several cells, for files in strips: wide tiles read few strips twice
 ERROR_TILES = 8  # tiles from which noise and errors are estimated: few, as each of them is corrected twice more
 ERROR_TILE_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
-
-
-@dataclass(eq=False)
-class CorrectedTile:
-    """One corrected tile, as it is written to the outputs; values that were not requested are None."""
-
-    raw: npt.NDArray[Any]  # (band, row, column), all bands in the type of the output
-    tally: PixelCounts
-    valid: Mask | None = None  # (row, column), valid pixels; None if the output has no mask
-    flags: npt.NDArray[np.uint8] | None = None  # (2, row, column), flags and class of sun glint
-    amount: npt.NDArray[np.float32] | None = None  # (band, row, column), removed glint of `Correction.amount_bands`
-    stderr: npt.NDArray[np.float32] | None = None  # (band, row, column), standard errors of `Correction.changed`
-
-
-@dataclass(eq=False)
-class Block:
-    """A tile as read, with the halo that the correction needs, and the results so far."""
-
-    tile: Tile
-    outer: Tile  # the tile with its halo
-    raw: Any  # (band, row, column), file values of the tile
-    valid: Any  # (band, row, column), mask of valid file values; None if all are valid
-    wide: Any  # (band, row, column), physical values in `outer`; corrected in place unless `Correction.by_cells`
-    water: Mask  # (row, column), pixels of `outer` that may be corrected
-    known: Mask  # (row, column), pixels of the tile that are valid in the index bands (with a chain: in all)
-    where: Mask  # (row, column), pixels of the tile to correct: valid water
-    changes: dict[int, Mask] = field(default_factory=dict)  # for each 0-based band that changed: where, (row, column)
-    replaced: Mask | None = None  # (band, row, column), pixels that a chain has replaced
-    targets: Mask | None = None  # (row, column), protected pixels
-    errors: Any = 0.0  # (band, row, column), standard errors if wanted
-
-    @property
-    def own(self) -> Any:
-        """Physical values of the tile without its halo, (band, row, column), as a view of `wide`."""
-        return self.wide[self.tile.within(self.outer)]
 
 
 @dataclass(frozen=True)
@@ -89,7 +56,7 @@ class Correction:
     area: Area | None = None  # pixels that may be corrected, if the user has given a mask
     water: WaterRule | None = None  # without `area`: rule that finds the pixels; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
-    changed: list[int] = field(default_factory=list)  # 0-based bands that the removal or the chain may change
+    changed: tuple[int, ...] = ()  # 0-based bands that the removal or the chain may change
     want_amount: bool = False
     noise: tuple[float, ...] | None = None  # standard deviation of noise, for bands `changed`; None: no flags wanted
     want_stderr: bool = False
@@ -99,7 +66,7 @@ class Correction:
     @property
     def amount_bands(self) -> list[int]:
         """0-based bands in the raster of amounts: the bands that may change; if there are none, all (with zeros)."""
-        return self.changed or list(range(len(self.scene.bands)))
+        return list(self.changed or range(len(self.scene.bands)))
 
     @property
     def halo(self) -> int:
@@ -118,39 +85,37 @@ class Correction:
 
     def __call__(self, tile: Tile) -> CorrectedTile:
         """Read a tile, correct it, and convert it to the type of the output."""
-        block, wanted = self._read(tile), self.amount_bands
-        before = block.own[wanted] if self.want_amount else None
-        saturated = self._saturated(block.own)
-        physical = self._correct_block(block)
-        raw, negative, clipped = self._encoded(block, physical)
-        marked = {"saturated": saturated, "negative": negative, "clipped": clipped}
-        flags = bits.tile_flags(block, **marked)
-        done = CorrectedTile(raw, bits.counted(block, flags, **marked), self._file_valid(block))
-        if self.want_stderr:
-            done.stderr = self._stderr(block, physical)
-        if before is not None:
-            done.amount = (before - physical[wanted]).astype(np.float32)
-        if done.amount is not None and self.noise is not None:
-            amount, full = done.amount[: len(self.changed)], (flags & bits.SATURATED) > 0
-            classes = bits.glint_classes(amount, np.array(self.noise), full, block.where)
-            done.tally.glint = np.bincount(classes.ravel(), minlength=len(bits.GLINT_CLASSES))
-            done.flags = np.stack([flags, classes])
-        return done
+        block = self._read(tile)
+        done = self._corrected(block)
+        raw, negative, clipped = self._encoded(block, done)
+        marked = {"saturated": self._saturated(block.own), "negative": negative, "clipped": clipped}
+        flags = bits.tile_flags(block, done, **marked)
+        amount = classes = None
+        if self.want_amount:
+            amount = (block.own[self.amount_bands] - done.physical[self.amount_bands]).astype(np.float32)
+        if amount is not None and self.noise is not None:
+            saturated = (flags & bits.SATURATED) > 0
+            classes = bits.glint_classes(amount[: len(self.changed)], np.array(self.noise), saturated, block.where)
+        return CorrectedTile(
+            raw,
+            bits.counted(block, done, flags, classes, **marked),
+            valid=self._file_valid(block),
+            flags=None if classes is None else np.stack([flags, classes]),
+            amount=amount,
+            stderr=self._stderr(block, done) if self.want_stderr else None,
+        )
 
-    def values(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
+    def values(self, tile: Tile) -> tuple[FloatArray, Mask]:
         """Read and correct a tile: physical values (band, row, column), and mask (row, column) of pixels to correct."""
         block = self._read(tile)
-        return self._correct_block(block), block.where
+        return self._corrected(block).physical, block.where
 
-    def _correct_block(self, block: Block) -> npt.NDArray[Any]:
-        """Corrected physical values of the tile, (band, row, column); the fields of `block` for results are set."""
-        physical = block.own.copy() if self.by_cells else block.own  # cells need the values around them, as read
-        if self.changed and block.where.any():
-            if not self.chain.runs:
-                self._remove(block, physical)
-            if self.by_cells:
-                self._apply_chain(block, physical)
-        return physical
+    def _corrected(self, block: Block) -> Corrected:
+        """Correct a tile: subtract the glint that the model predicts, or apply the chain (with its own removal)."""
+        if not (self.changed and block.where.any()):
+            return Corrected(block.own)
+        done = Corrected(block.own) if self.chain.runs else self._without_glint(block)
+        return self._after_chain(block, done) if self.by_cells else done
 
     def _read(self, tile: Tile) -> Block:
         """Read a tile with its halo, and determine the pixels to correct."""
@@ -172,7 +137,7 @@ class Correction:
         block = self._read(tile)
         return Training(tile, block.outer, block.wide, block.water, np.ones(tile.shape, np.bool_))
 
-    def _water_in(self, tile: Tile, physical: Any) -> Mask:
+    def _water_in(self, tile: Tile, physical: FloatArray) -> Mask:
         """Mask (row, column) of the pixels of a tile that may be corrected; `physical`: (band, row, column)."""
         if self.area is not None:
             return self.area.read(tile.window)
@@ -180,7 +145,7 @@ class Correction:
             return np.ones(tile.shape, np.bool_)
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
-    def _saturated(self, physical: Any) -> Mask:
+    def _saturated(self, physical: FloatArray) -> Mask:
         """Mask of saturated pixels, (band, row, column), False for unknown limits; (band, 1, 1) if all are unknown."""
         source = raster_of(self.scene)
         limits = np.array([b.saturation for b in self.scene.bands], np.float64)  # None: NaN, which nothing exceeds
@@ -190,24 +155,25 @@ class Correction:
         stored = (limits - source.info.offsets) / source.info.scales * (1 - 1e-12)
         return np.asarray(physical >= source.to_physical(stored.astype(physical.dtype)[:, None, None]))
 
-    def _remove(self, block: Block, physical: Any) -> None:
-        """Subtract predicted glint from `physical`, (band, row, column), in place; set `block.changes`, `.targets`."""
-        if self.model.references:
-            origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
-            found, block.targets = glint(block.wide, self.model, block.water, origin, crop)
-            for band, amount in found.items():
-                np.subtract(physical[band], amount, out=physical[band], where=block.where)
-        else:
-            apply(physical, self.model, where=block.where, out=physical)
-        block.changes = {f.band: block.where for f in self.model.fits}
+    def _without_glint(self, block: Block) -> Corrected:
+        """The tile without the glint that the model predicts."""
+        changes = {f.band: block.where for f in self.model.fits}
+        if not self.model.references:
+            return Corrected(apply(block.own, self.model, where=block.where), changes)
+        physical, crop = block.own.copy(), block.tile.crop_of(block.outer)
+        found, targets = glint(block.wide, self.model, block.water, (block.outer.row0, block.outer.col0), crop)
+        for band, amount in found.items():
+            np.subtract(physical[band], amount, out=physical[band], where=block.where)
+        return Corrected(physical, changes, targets=targets)
 
-    def _apply_chain(self, block: Block, physical: Any) -> None:
-        """Apply the chain to each cell; write the result to `physical`, (band, row, column), and to `block`.
-        Without stages, only the standard errors are written.
+    def _after_chain(self, block: Block, done: Corrected) -> Corrected:
+        """The tile `done` after the chain, which is applied cell by cell, with its standard errors if they are wanted.
+        Without stages, only the standard errors are new.
         """
         removed, shape = {f.band for f in self.model.fits}, block.tile.shape
-        block.replaced, block.errors = np.zeros(physical.shape, np.bool_), np.zeros(physical.shape, np.float32)
-        block.targets = np.zeros(shape, np.bool_) if block.targets is None else block.targets
+        physical = done.physical.copy()
+        replaced, errors = np.zeros(physical.shape, np.bool_), np.zeros(physical.shape, np.float32)
+        targets = np.zeros(shape, np.bool_) if done.targets is None else done.targets.copy()
         changes = {band: np.zeros(shape, np.bool_) for band in self.changed if self.chain.runs}
         for cell in block.tile.split(CHAIN_CELL):
             within = cell.within(block.tile)
@@ -220,35 +186,36 @@ class Correction:
             state = apply_chain(replace(state, errors=self.want_stderr), self.chain, self.model)
             if self.want_stderr:
                 left = self.left.apply(state) if self.left else state
-                block.errors[within] = compensate.stderr(left, self.model, self.replaced)[core]
+                errors[within] = compensate.stderr(left, self.model, self.replaced)[core]
             if state.replaced is not None:
-                block.replaced[within] = state.replaced[core] & where
+                replaced[within] = state.replaced[core] & where
             if state.targets is not None:
-                block.targets[within] = (state.targets[core] > 0).any(axis=0) & where
+                targets[within] = (state.targets[core] > 0).any(axis=0) & where
             clean = with_targets(state)[core]
             for band, place in changes.items():
-                place[within] = where if band in removed else block.replaced[within][band] | block.targets[within]
+                place[within] = where if band in removed else replaced[within][band] | targets[within]
                 np.copyto(physical[within][band], clean[band], where=place[within], casting="same_kind")
-        block.changes |= {band: place for band, place in changes.items() if place.any()}
+        changes = done.changes | {band: place for band, place in changes.items() if place.any()}
+        return Corrected(physical, changes, replaced, targets, errors)
 
-    def _stderr(self, block: Block, physical: Any) -> npt.NDArray[np.float32]:
+    def _stderr(self, block: Block, done: Corrected) -> Float32:
         """Standard errors of the bands that may change, (band, row, column); NaN where nothing was corrected."""
-        out = block.errors
+        out = np.zeros(done.physical.shape, np.float32) if done.errors is None else done.errors
         if np.dtype(self.layout.dtype).kind in "iu":  # rounded to integers of the file
             steps = np.array(raster_of(self.scene).info.scales, np.float32)
             out = np.sqrt(out**2 + (steps**2 / 12)[:, None, None])
-        known = np.isfinite(physical) & block.where & bool(block.changes)
-        return np.where(known, out, np.nan)[self.changed].astype(np.float32)
+        known = np.isfinite(done.physical) & block.where & bool(done.changes)
+        return np.where(known, out, np.nan)[list(self.changed)].astype(np.float32)
 
-    def _encoded(self, block: Block, physical: Any) -> tuple[npt.NDArray[Any], Mask, Mask]:
+    def _encoded(self, block: Block, done: Corrected) -> tuple[npt.NDArray[Any], Mask, Mask]:
         """All bands as numbers for the file, and masks of negative and of clipped values, (band, row, column) each."""
         info, layout = raster_of(self.scene).info, self.layout
         raw, clipped = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         negative = np.zeros(raw.shape, np.bool_)
-        for band, place in block.changes.items():
+        for band, place in done.changes.items():
             nodata = info.nodatas[band] if layout.nodata is None else layout.nodata
             packing: Any = {"scale": info.scales[band], "offset": info.offsets[band]}
-            negative[band], outside = encode(physical[band], raw[band], where=place, nodata=nodata, **packing)
+            negative[band], outside = encode(done.physical[band], raw[band], where=place, nodata=nodata, **packing)
             np.copyto(clipped[band], outside, where=place)
         return raw, negative, clipped
 
@@ -279,12 +246,20 @@ def correction(
     wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
-    changed, named = {f.band for f in fitted.model.fits}, {find_band(scene, b) for b in fitted.recipe.bands}
+    changed = sorted(f.band for f in fitted.model.fits)
     if fitted.chain.replaces:
-        changed = named or set(range(len(scene.bands)))
+        changed = sorted({find_band(scene, b) for b in fitted.recipe.bands}) or list(range(len(scene.bands)))
     rule, wants = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
     work = Correction(
-        scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, sorted(changed), want_amount=wants
+        scene,
+        fitted.model,
+        layout,
+        fitted.chain,
+        area,
+        rule,
+        fitted.water_bands,
+        tuple(sorted(changed)),
+        want_amount=wants,
     )
     if targets and targets.flags:
         work = _with_noise(work, threads)
@@ -348,7 +323,7 @@ def _with_noise(work: Correction, threads: int) -> Correction:
     for band in work.changed:  # noise is estimated from 3 x 3 pixels
         known = [i & eroded(np.isfinite(p[band]), 3) for p, i in zip(done, inside, strict=True)]
         own.append(noise([np.nan_to_num(p[band]) for p in done], known))
-    return replace(work, noise=tuple(np.hypot(own, steps[work.changed] / 12**0.5).tolist()))
+    return replace(work, noise=tuple(np.hypot(own, steps[list(work.changed)] / 12**0.5).tolist()))
 
 
 def _tiles_of(scene: Scene) -> list[Tile]:

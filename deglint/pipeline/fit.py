@@ -17,7 +17,7 @@ from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, GlintModel
 from ..remove.request import MIN_PIXELS
 from ..scene import Scene
-from .outputs import log, log_model, log_scene, log_water, why
+from .messages import log, log_model, log_scene, log_water, why
 from .overview import Job, Progress, overview_of, overviews, sampler_of
 from .recipe import Recipe, make_request
 from .sample import Sampled, Training, chosen, fit_sampled, fit_training, read_training

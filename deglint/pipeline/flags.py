@@ -9,12 +9,10 @@ Sky glint is skylight reflected by the sea. A removal of sun glint cannot measur
 scene: it is modelled, not removed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,11 +26,10 @@ from ..raster.convert import holds
 from ..raster.output import Layout
 from ..readers.text import number
 from ..scene import FloatArray, Scene
-from .outputs import Outputs, PixelCounts, log
+from .block import Block, Corrected
+from .messages import log
+from .outputs import Outputs, PixelCounts
 from .overview import raster_of
-
-if TYPE_CHECKING:
-    from .correct import Block, Correction
 
 FLAGS = {
     1: "nodata: not valid, copied",
@@ -65,33 +62,40 @@ _ANGLE_TAGS = {
 """Two tags of a scene that can state each angle [degree]; an elevation is 90 degrees minus the zenith angle."""
 
 
-def tile_flags(block: Block, *, saturated: Mask, negative: Mask, clipped: Mask) -> npt.NDArray[np.uint8]:
-    """Flags of a corrected tile, (row, column), from `FLAGS`; the other arguments are masks (band, row, column)."""
+def tile_flags(
+    block: Block, done: Corrected, *, saturated: Mask, negative: Mask, clipped: Mask
+) -> npt.NDArray[np.uint8]:
+    """Flags of a corrected tile, (row, column), from `FLAGS`; the named arguments are masks (band, row, column)."""
     flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
-    flags[block.where] = CORRECTED if block.changes else 0
-    if block.replaced is not None:
-        flags[block.replaced.any(axis=0) & block.where] |= REPLACED
-    if block.targets is not None:
-        flags[block.targets & block.where] |= PROTECTED
+    flags[block.where] = CORRECTED if done.changes else 0
+    if done.replaced is not None:
+        flags[done.replaced.any(axis=0) & block.where] |= REPLACED
+    if done.targets is not None:
+        flags[done.targets & block.where] |= PROTECTED
     flags[~block.known] = NODATA
     for bit, masks in ((SATURATED, saturated), (NEGATIVE, negative), (CLIPPED, clipped)):
         flags |= np.where(masks.any(axis=0), np.uint8(bit), np.uint8(0))
     return flags
 
 
-def counted(block: Block, flags: npt.NDArray[np.uint8], **marked: Mask) -> PixelCounts:
-    """Count the pixels of a tile: those flagged nodata, not water, corrected or protected in `flags` (row, column); per
-    band those changed, replaced, and True in each mask (band, row, column) in `marked`, keyed by field of the result.
+def counted(
+    block: Block, done: Corrected, flags: npt.NDArray[np.uint8], classes: npt.NDArray[np.uint8] | None, **marked: Mask
+) -> PixelCounts:
+    """Count the pixels of a tile: those flagged nodata, not water, corrected or protected in `flags` (row, column);
+    those of each class in `classes` (row, column; None: not counted); per band those changed, replaced, and True in
+    each mask (band, row, column) in `marked`, keyed by field of the result.
     """
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
-    if block.replaced is not None:
-        marked["replaced"] = block.replaced
+    if done.replaced is not None:
+        marked["replaced"] = done.replaced
     for name, masks in marked.items():  # ten times faster than numpy with an axis
         counts[name] = np.array([np.count_nonzero(mask) for mask in masks], np.int64)
     counts["changed"] = np.zeros(len(block.raw), np.int64)
-    for band, place in block.changes.items():
-        counts["changed"][band] = np.count_nonzero(place & np.isfinite(block.own[band]))
+    for band, place in done.changes.items():
+        counts["changed"][band] = np.count_nonzero(place & np.isfinite(done.physical[band]))
+    if classes is not None:
+        counts["glint"] = np.bincount(classes.ravel(), minlength=len(GLINT_CLASSES))
     return PixelCounts(total=block.tile.pixels, **counts)
 
 
@@ -113,11 +117,12 @@ def glint_classes(
     return np.where(water, out, np.uint8(NOT_ASSESSED))
 
 
-def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
-    """Sidecar entries: number of pixels of each class of sun glint, and limit of negligible glint of each band."""
-    noise = {work.scene.names[b]: n for b, n in zip(work.changed, work.noise or (), strict=True)}
-    pixels = dict(zip(GLINT_CLASSES.values(), tally.glint, strict=True))
-    return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": noise}
+def glint_numbers(counts: PixelCounts, noise: Mapping[str, float]) -> dict[str, Any]:
+    """Sidecar entries: number of pixels of each class of sun glint, and limit of negligible glint of each band.
+    `noise` is the standard deviation of the noise of each band that may change, by its name [unit of the band].
+    """
+    pixels = dict(zip(GLINT_CLASSES.values(), counts.glint, strict=True))
+    return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": dict(noise)}
 
 
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
@@ -141,12 +146,17 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
     return Layout(info, bands, out.name, nodata, options, names=names, masked=masked)
 
 
-def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
+def beside(
+    scene: Scene, image: Layout, bands: tuple[int, ...], targets: Outputs, modelled: Mapping[str, Any] | None
+) -> dict[str, tuple[Path, Layout]]:
     """Path and layout of each additional raster (flags, amounts, standard errors), by field of `CorrectedTile`.
-    `modelled` is the result of `sky_glint`.
+
+    image : layout of the corrected image
+    bands : 0-based bands of the amounts and the standard errors
+    modelled : result of `sky_glint`
     """
-    info, bands = work.layout.info, tuple(work.amount_bands)
-    options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": work.layout.tile}
+    info = image.info
+    options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
     found = {}
     if targets.flags:
         tags = {f"CLASS_{value}": meaning for value, meaning in GLINT_CLASSES.items()}
@@ -155,12 +165,12 @@ def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | Non
         found["flags"] = targets.flags, Layout(own, (0, 1), "uint8", None, names=names, flags=FLAGS, **options)
 
     def values(what: str, kept: Any) -> Layout:
-        names = tuple(f"{what} {work.scene.names[b]}" for b in bands)
+        names = tuple(f"{what} {scene.names[b]}" for b in bands)
         return Layout(kept, bands, "float32", float("nan"), names=names, **options)
 
     if targets.amount:
         tags_of = list(info.band_tags)
-        for i, band in enumerate(work.scene.bands):
+        for i, band in enumerate(scene.bands):
             if value := modelled and modelled["reflectance"].get(band.name):
                 sky_tags = {"SKY_GLINT_REFLECTANCE": f"{value:.4g}", "SKY_GLINT": MODELLED}
                 tags_of[i] = {**tags_of[i], "": {**tags_of[i].get("", {}), **sky_tags}}

@@ -1,37 +1,29 @@
-"""Outputs of a run: their paths, the result, the sidecar, and log lines for decisions (at level DEBUG: reasons)."""
-
-from __future__ import annotations
+"""Outputs of a run: their paths, the result, the sidecar and its log lines, and saved fits."""
 
 import json
-import logging
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
 from .. import __version__
 from ..checks import as_path, check_choice
+from ..checksum import Checksum
 from ..compensate.stages import Chain, chain_from
-from ..errors import InputError, NoWaterError
-from ..masks import WaterRule
+from ..errors import InputError
 from ..raster import RasterSource
 from ..raster.output import plain
-from ..readers.grid import pixel_size
 from ..readers.products.drone import UNREGISTERED
 from ..readers.text import read_text
 from ..remove import GlintModel
 from ..scene import Scene
+from .fit import Fitted
+from .messages import log
 from .overview import raster_of
-
-if TYPE_CHECKING:
-    from ..checksum import Checksum
-    from .fit import Fitted
-
-log = logging.getLogger("deglint.pipeline")
 
 BESIDE = {"flags": "tif", "amount": "tif", "stderr": "tif", "sample": "geojson", "model": "json", "picture": "png"}
 """Optional outputs beside the image and its sidecar, and the usual extensions of their file names."""
@@ -89,7 +81,7 @@ class PixelCounts:
     saturated: Any = 0  # for each band: saturated before the correction
     glint: Any = 0  # for each class of sun glint
 
-    def add(self, other: PixelCounts) -> None:
+    def add(self, other: Self) -> None:
         """Add the counts of another tile to these counts."""
         for name, count in vars(other).items():
             setattr(self, name, getattr(self, name) + count)
@@ -138,50 +130,6 @@ class Result:
     def changed(self) -> tuple[str, ...]:
         """Names of the bands with changed pixels; the other bands are copied."""
         return tuple(self.sidecar["pixels"]["changed"])
-
-
-def why(lines: Sequence[str]) -> None:
-    """Log the reasons for a decision, one per line, at level DEBUG, which the option -v shows."""
-    for line in lines:
-        log.debug("  %s", line)
-
-
-def log_scene(scene: Scene) -> None:
-    """Log size, sensor and band delays of the scene, the pixel size assumed without coordinates, and its notes."""
-    sensor = f", sensor {scene.sensor}" if scene.sensor else ""
-    first, *others = scene.path.split(", ")
-    name = f"{first} and {len(others)} more" if others else first
-    log.info("%s: %d bands, %d x %d pixels%s", name, len(scene.bands), scene.width, scene.height, sensor)
-    times = [b.time_offset for b in scene.bands if b.time_offset is not None]
-    if len(times) > 1:
-        source = f"known for {scene.sensor}" if scene.sensor else "read from file"
-        log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
-    if scene.transform is None or scene.transform.is_identity:
-        size = pixel_size(scene)
-        log.info("no coordinates: pixels are taken to be %s", f"{size:g} m wide" if size else "fine, below 1 m")
-    for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
-        log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
-
-
-def log_water(rule: WaterRule | None, mask: str) -> list[str]:
-    """Log which pixels are corrected; return notes on the water found by `rule`. Raises NoWaterError without water."""
-    if rule is None:
-        if mask != "auto":
-            log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
-        return []
-    if not rule.has_water:
-        raise NoWaterError(rule.reason)
-    log.info("water: %s", rule.reason)
-    return [rule.reason]
-
-
-def log_model(model: GlintModel, notes: Sequence[str]) -> None:
-    """Log the method, its bands, and its warnings; at level DEBUG also `notes`, and the model."""
-    bands = ", ".join(f.name for f in model.fits)
-    log.info("method: %s", f"{model.method}; bands to correct: {bands}" if bands else "none, the scene is copied")
-    why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])
-    for warning in model.warnings:
-        log.warning("%s", warning)
 
 
 def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:

@@ -177,7 +177,10 @@ def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, check
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
         said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - run.begun))
-        said |= plain({"sun_glint": glint_numbers(work, tally)}) if targets.flags else {}
+        noise = (
+            {scene.names[b]: n for b, n in zip(work.changed, work.noise or (), strict=True)} if targets.flags else {}
+        )
+        said |= plain({"sun_glint": glint_numbers(tally, noise)}) if targets.flags else {}
         said |= plain({"sky_glint": sky}) if sky else {}
         said |= {"cluster": run.cluster.numbers()} if run.cluster else {}
         if targets.request:
@@ -196,7 +199,7 @@ def _write_tiles(
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
     tally = PixelCounts()
-    images = {"raw": (targets.image, image)} | beside(work, targets, sky)
+    images = {"raw": (targets.image, image)} | beside(scene, image, tuple(work.amount_bands), targets, sky)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
     with writing_all(scratch, images) as writers:
         for tile, done in (run.cluster or tiling).run(everything, work, threads=at_once, **options):
@@ -204,7 +207,7 @@ def _write_tiles(
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
                 writers["raw"].write_mask(done.valid, tile.window)
-            tally.add(done.tally)
+            tally.add(done.counts)
     return tally
 
 

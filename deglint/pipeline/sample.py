@@ -28,7 +28,7 @@ from ..remove.strips import Strips, filled
 from ..remove.wiener import SquareKinds
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
-from .outputs import log
+from .messages import log
 from .overview import OVERVIEW_PIXELS, TILE_SIDE, Job, Sampler, sampler_of
 from .recipe import smallest_object
 

@@ -15,7 +15,8 @@ from deglint.checks import checked_keywords
 from deglint.checksum import Checksum
 from deglint.cluster import Cluster
 from deglint.errors import DeglintError, InputError, NoWaterError
-from deglint.pipeline.outputs import log_scene, versions
+from deglint.pipeline.messages import log_scene
+from deglint.pipeline.outputs import versions
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset

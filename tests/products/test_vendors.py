@@ -12,7 +12,7 @@ from PIL import Image
 import deglint
 from deglint import Recipe, remove_glint
 from deglint.errors import InputError, ReadError
-from deglint.pipeline.outputs import log_scene
+from deglint.pipeline.messages import log_scene
 from deglint.readers.products.drone import _black_level
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "real"

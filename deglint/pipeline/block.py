@@ -1,0 +1,55 @@
+"""A tile of a scene in three states: as read, as corrected, and as written to the outputs."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..compensate.state import Float32
+from ..moments import Mask
+from ..scene import FloatArray
+from ..tiles import Tile
+from .outputs import PixelCounts
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A tile as read, with the halo that the correction needs."""
+
+    tile: Tile
+    outer: Tile  # the tile with its halo
+    raw: npt.NDArray[Any]  # (band, row, column), file values of the tile
+    valid: Mask | None  # (band, row, column), mask of valid file values; None if all are valid
+    wide: FloatArray  # (band, row, column), physical values in `outer`
+    water: Mask  # (row, column), pixels of `outer` that may be corrected
+    known: Mask  # (row, column), pixels of the tile that are valid in the index bands (with a chain: in all)
+    where: Mask  # (row, column), pixels of the tile to correct: valid water
+
+    @property
+    def own(self) -> FloatArray:
+        """Physical values of the tile without its halo, (band, row, column), as a view of `wide`."""
+        return self.wide[self.tile.within(self.outer)]
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """Values of a tile after the correction, and what changed."""
+
+    physical: FloatArray  # (band, row, column), physical values
+    changes: dict[int, Mask] = field(default_factory=dict)  # for each 0-based band that changed: where, (row, column)
+    replaced: Mask | None = None  # (band, row, column), pixels that a chain has replaced
+    targets: Mask | None = None  # (row, column), protected pixels
+    errors: Float32 | None = None  # (band, row, column), standard errors if wanted
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedTile:
+    """A corrected tile as it is written to the outputs; values that were not requested are None."""
+
+    raw: npt.NDArray[Any]  # (band, row, column), all bands in the type of the output
+    counts: PixelCounts
+    valid: Mask | None = None  # (row, column), valid pixels; None if the output has no mask
+    flags: npt.NDArray[np.uint8] | None = None  # (2, row, column), flags and class of sun glint
+    amount: Float32 | None = None  # (band, row, column), removed glint of `Correction.amount_bands`
+    stderr: Float32 | None = None  # (band, row, column), standard errors of `Correction.changed`

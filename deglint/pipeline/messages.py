@@ -1,0 +1,57 @@
+"""Log lines for the scene and the decisions of a fit; the reasons are logged at level DEBUG."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..errors import NoWaterError
+from ..masks import WaterRule
+from ..readers.grid import pixel_size
+from ..remove import GlintModel
+from ..scene import Scene
+
+log = logging.getLogger("deglint.pipeline")
+
+
+def why(lines: Sequence[str]) -> None:
+    """Log the reasons for a decision, one per line, at level DEBUG, which the option -v shows."""
+    for line in lines:
+        log.debug("  %s", line)
+
+
+def log_scene(scene: Scene) -> None:
+    """Log size, sensor and band delays of the scene, the pixel size assumed without coordinates, and its notes."""
+    sensor = f", sensor {scene.sensor}" if scene.sensor else ""
+    first, *others = scene.path.split(", ")
+    name = f"{first} and {len(others)} more" if others else first
+    log.info("%s: %d bands, %d x %d pixels%s", name, len(scene.bands), scene.width, scene.height, sensor)
+    times = [b.time_offset for b in scene.bands if b.time_offset is not None]
+    if len(times) > 1:
+        source = f"known for {scene.sensor}" if scene.sensor else "read from file"
+        log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
+    if scene.transform is None or scene.transform.is_identity:
+        size = pixel_size(scene)
+        log.info("no coordinates: pixels are taken to be %s", f"{size:g} m wide" if size else "fine, below 1 m")
+    for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
+        log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
+
+
+def log_water(rule: WaterRule | None, mask: str) -> list[str]:
+    """Log which pixels are corrected; return notes on the water found by `rule`. Raises NoWaterError without water."""
+    if rule is None:
+        if mask != "auto":
+            log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
+        return []
+    if not rule.has_water:
+        raise NoWaterError(rule.reason)
+    log.info("water: %s", rule.reason)
+    return [rule.reason]
+
+
+def log_model(model: GlintModel, notes: Sequence[str]) -> None:
+    """Log the method, its bands, and its warnings; at level DEBUG also `notes`, and the model."""
+    bands = ", ".join(f.name for f in model.fits)
+    log.info("method: %s", f"{model.method}; bands to correct: {bands}" if bands else "none, the scene is copied")
+    why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])
+    for warning in model.warnings:
+        log.warning("%s", warning)
