@@ -6,7 +6,6 @@
 
 import json
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -16,7 +15,7 @@ import numpy.typing as npt
 from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
 from deglint.moments import CELL, CellMoments, cell_moments, thinned
-from deglint.tiles import default_threads
+from deglint.tiles import Tile, default_threads, run, tiles
 
 from . import covariance as estimates
 from .arrays import Array, Float64, Int64, Mask
@@ -197,12 +196,12 @@ def fit(
     check_rule(covariance, ridge)
     share = sample_share(covariance, image[0].size if mask is None else int(np.count_nonzero(mask)))
 
-    def part(row: int) -> Part:
-        rows = slice(row, row + CELL)
-        return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
+    def part(tile: Tile) -> Part:
+        rows = slice(tile.row0, tile.row1)
+        return Part.of(image[:, rows], None if mask is None else mask[rows], (tile.row0, 0), share)
 
-    with ThreadPoolExecutor(default_threads(threads)) as pool:
-        whole = Part.merge(list(pool.map(part, range(0, image.shape[1], CELL))))
+    strips = tiles(image.shape[1], image.shape[2], (CELL, image.shape[2]))
+    whole = Part.merge([found for _, found in run(strips, part, threads=default_threads(threads))])
     return whole.background(covariance, ridge, names)
 
 

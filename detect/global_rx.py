@@ -13,7 +13,6 @@ Schaum (2007), "Hyperspectral anomaly detection beyond RX", Proc. SPIE 6565, 656
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from deglint.checks import check_choice, checked_keywords
 from deglint.errors import FitError, InputError
-from deglint.tiles import default_threads
+from deglint.tiles import Tile, default_threads, run, tiles
 
 from .arrays import Array, Float64, Mask, Scores
 from .background import RIDGE, Background, as_image, as_mask, fit
@@ -86,12 +85,13 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
     flat = np.ascontiguousarray(image).reshape(len(image), -1)
     out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
 
-    def fill_strip(first: int) -> None:
+    def fill_strip(strip: Tile) -> None:
+        pixels = slice(strip.col0, strip.col1)
         with np.errstate(invalid="ignore", over="ignore"):
-            _fill(flat[:, first : first + _STRIP_PIXELS], detector, out[first : first + _STRIP_PIXELS])
+            _fill(flat[:, pixels], detector, out[pixels])
 
-    with ThreadPoolExecutor(max(threads, 1)) as pool:
-        list(pool.map(fill_strip, range(0, len(out), _STRIP_PIXELS)))
+    for _ in run(tiles(1, len(out), (1, _STRIP_PIXELS)), fill_strip, threads=max(threads, 1)):
+        pass
     # finite scores beyond the output type become its largest value; the others are not valid
     if (bad := ~np.isfinite(out)).any():
         fine = np.isfinite(flat[:, bad]).all(axis=0)

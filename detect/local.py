@@ -13,15 +13,15 @@ Reed, Yu (1990), doi:10.1109/29.60107, and for the dual window Kwon, Der, Nasrab
 using subspace separation for hyperspectral imagery", Optical Engineering 42, 3342-3351, doi:10.1117/1.1614265.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from deglint.checks import check_choice, check_number, checked_keywords
 from deglint.errors import InputError
-from deglint.tiles import Tile, one_thread_each
+from deglint.tiles import Tile, one_thread_each, run
 
 from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
 from .background import as_image, as_mask, check_range, check_rule
@@ -150,17 +150,14 @@ def score_part(
     if dtype is np.float64:
         check_range(block[:, good])
 
-    def score_cell(cell: Tile) -> None:
+    score_cell = partial(_score_cell, block, good, held, rule)
+    for cell, (values, state) in run(part.split(CELL), score_cell, threads=max(threads, 1)):
         own = cell.within(part)
-        values, states[own] = _score_cell(block, good, held, cell, rule)
-        scores[own] = np.minimum(values, np.finfo(dtype).max, out=values)
-
-    with ThreadPoolExecutor(max(threads, 1)) as pool:
-        list(pool.map(score_cell, part.split(CELL)))
+        scores[own], states[own] = np.minimum(values, np.finfo(dtype).max), state
     return scores, states
 
 
-def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
+def _score_cell(block: Array, good: Mask, held: Tile, rule: WindowRule, cell: Tile) -> tuple[Float64, Uint8]:
     """Scores and states (0 or a key of `STATES`) of the tile `cell`, (row, column); `good`: mask of valid pixels."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))

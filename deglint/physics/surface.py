@@ -5,15 +5,16 @@ so that bands recorded at different times show the same waves. The surface is pe
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ..tiles import Tile, run
 from ._checks import Floats
 from .spectra import GRAVITY, SURFACE_TENSION, elfouhaily_spread, spreading_norm
 from .waves import Sea, omnidirectional, spread_convention
@@ -66,8 +67,9 @@ def on_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
         work(0, rows)
         return
     edges = np.linspace(0, rows, 4 * workers + 1).astype(int)
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(work, edges[:-1].tolist(), edges[1:].tolist()))
+    parts = [Tile(first, last, 0, 1) for first, last in pairwise(edges.tolist())]
+    for _ in run(parts, lambda part: work(part.row0, part.row1), threads=workers):
+        pass
 
 
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
