@@ -18,7 +18,7 @@ from typing import Any
 
 from .errors import DeglintError, InputError
 from .raster.environment import environment
-from .tiles import Tile, one_thread_each
+from .tiles import T, Tile, one_thread_each
 
 TILES_AHEAD = 3  # most tiles in progress, or finished and not fetched yet, for each thread of a worker
 WORKER_PATIENCE = 60.0  # time without a result after which to check that the cluster has workers [s]
@@ -35,11 +35,11 @@ class Cluster:
     def run(
         self,
         everything: Sequence[Tile],
-        work: Callable[[Tile], Any],
+        work: Callable[[Tile], T],
         *,
         progress: Callable[[int, int], None] | None = None,
-        **_of_threads: Any,
-    ) -> Iterator[tuple[Tile, Any]]:
+        **_of_threads: object,
+    ) -> Iterator[tuple[Tile, T]]:
         """Call `work` on every tile and yield (tile, result) in order, as `tiles.run`; its thread options are ignored.
 
         Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a tile kills several workers.
@@ -91,7 +91,7 @@ class Cluster:
         with _answering():
             return dict(self.client.run(_peak))
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, float]:
         """Entries of the sidecar on the cluster: number of workers, and the largest peak memory of a worker [MB]."""
         held = self.memory().values()
         return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
@@ -138,9 +138,9 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         logging.getLogger(f"distributed{name}").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         try:
-            place: Any = address
+            place: object = address
             if workers is not None:
-                own: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+                own: dict[str, object] = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
                 if memory != "auto":  # given "auto", LocalCluster divides by processors
                     own["memory_limit"] = memory
                 place = stack.enter_context(LocalCluster(n_workers=workers, threads_per_worker=1, **own))
@@ -167,16 +167,16 @@ def _answering() -> Iterator[None]:
 
 
 @lru_cache(maxsize=2)
-def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
+def _unpacked(packed: bytes) -> Callable[[Tile], object]:
     """Unpickle the function that processes tiles; cached: once for each process."""
     import cloudpickle
 
-    work: Callable[[Tile], Any] = cloudpickle.loads(packed)  # from the scheduler, never from a disk
+    work: Callable[[Tile], object] = cloudpickle.loads(packed)  # from the scheduler, never from a disk
     return work
 
 
 @one_thread_each()
-def _do(packed: bytes, tile: Tile) -> Any:
+def _do(packed: bytes, tile: Tile) -> object:
     """Process a tile in a worker by the pickled function `packed`; a DeglintError loses its cause, to be picklable."""
     with environment():
         try:

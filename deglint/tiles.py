@@ -16,6 +16,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from itertools import groupby
+from types import EllipsisType
 from typing import Any, TypeVar
 
 from .checks import check_number
@@ -23,7 +24,8 @@ from .moments import CELL, Crop
 from .scene import Window
 
 T = TypeVar("T")
-Run = Callable[..., Iterator[tuple[Any, Any]]]  # type of functions that run work on tiles, as `run` does
+Part = TypeVar("Part")
+Run = Callable[..., Iterator[tuple["Tile", Any]]]  # type of functions that run work on tiles, as `run` does
 SAMPLES = 4 << 20  # usual number of values (pixels times bands) in a tile
 MOST_SAMPLES = 32 << 20  # most values in a tile, where the file has large blocks
 SAMPLES_AT_ONCE = 32 << 20  # most values in all tiles in progress at a time; large tiles get fewer threads
@@ -70,7 +72,7 @@ class Tile:
         rows, columns = range(self.row0, self.row1, down), range(self.col0, self.col1, across)
         return [Tile(r, min(r + down, self.row1), c, min(c + across, self.col1)) for r in rows for c in columns]
 
-    def within(self, outer: Tile) -> tuple[Any, slice, slice]:
+    def within(self, outer: Tile) -> tuple[EllipsisType, slice, slice]:
         """Index that selects this tile in an array of the tile `outer`, (row, column) or (band, row, column)."""
         rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)
         return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
@@ -207,7 +209,7 @@ def run(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def by_rows(done: Iterator[tuple[Tile, Any]], combine: Callable[[list[Any]], T]) -> Iterator[T]:
+def by_rows(done: Iterator[tuple[Tile, Part]], combine: Callable[[list[Part]], T]) -> Iterator[T]:
     """Yield the combined results of each row of tiles; `done` yields (tile, result) in order, as `run` does.
 
     `combine` gets the list of results of a row. Its calls, and so its rounding, do not depend on threads or workers.

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +18,7 @@ from ..errors import FitError, InputError
 from ..masks import WaterRule, water
 from ..moments import Mask
 from ..morphology import eroded
-from ..raster.convert import encode, is_finite, relaid
+from ..raster.convert import Raw, encode, is_finite, relaid
 from ..raster.output import Layout
 from ..readers.areas import Area, open_area
 from ..readers.grid import pixel_size

@@ -54,7 +54,7 @@ class Fitted:
     recipe: Recipe
     notes: tuple[str, ...] = ()
     sampled: dict[str, Any] | None = None
-    sample: dict[str, Any] | None = None
+    sample: dict[str, object] | None = None
     water: WaterRule | None = None
     water_bands: tuple[int, ...] = ()
     chain: Chain = field(default_factory=Chain)

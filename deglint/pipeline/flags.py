@@ -23,6 +23,7 @@ from ..physics.atmosphere import CLEAR_AIR, WAVELENGTH_RANGE, irradiance
 from ..physics.glint import VIEW_LIMIT
 from ..physics.slopes import WIND_RANGE
 from ..raster.convert import holds
+from ..raster.info import RasterInfo
 from ..raster.output import Layout
 from ..readers.text import number
 from ..scene import FloatArray, Scene
@@ -99,9 +100,7 @@ def counted(
     return PixelCounts(total=block.tile.pixels, **counts)
 
 
-def glint_classes(
-    amount: FloatArray, noise: npt.NDArray[np.floating[Any]], saturated: npt.NDArray[np.bool_], water: Any
-) -> npt.NDArray[np.uint8]:
+def glint_classes(amount: FloatArray, noise: FloatArray, saturated: Mask, water: Mask) -> npt.NDArray[np.uint8]:
     """Class of sun glint of each pixel, one of `GLINT_CLASSES`, (row, column).
 
     The specification calls glint uncorrectable where a band is saturated, and gives no limit of negligible glint. Here
@@ -191,10 +190,11 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     None, with a line in the log, if the scene does not state the angles of sun and sensor, or has no such band.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
-    angles: dict[str, Any] = {k: _angle(tags, *names, zenith="zenith" in k) for k, names in _ANGLE_TAGS.items()}
+    found = {k: _angle(tags, *names, zenith="zenith" in k) for k, names in _ANGLE_TAGS.items()}
+    angles = {k: angle for k, angle in found.items() if angle is not None}
     low, high = WAVELENGTH_RANGE
     known = {b.name: b.wavelength for b in scene.bands if b.wavelength and low <= b.wavelength <= high}
-    missing = [name for name, angle in angles.items() if angle is None]
+    missing = [name for name in found if name not in angles]
     missing += [] if known else [f"a wavelength of {low:g} to {high:g} nm"]
     if missing:
         log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))
@@ -226,7 +226,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     }
 
 
-def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
+def _angle(tags: Mapping[str, str], name: str, other: str, *, zenith: bool) -> float | None:
     """Read an azimuth or zenith angle [degree] from tag `name`; if this has no number, from tag `other`.
     For a zenith angle (`zenith` is True), tag `other` has the elevation; 90 degrees minus the elevation is returned.
     Returns None if neither tag has a number, or a zenith angle is outside 0 to `VIEW_LIMIT`.

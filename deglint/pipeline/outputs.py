@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import __version__
 from ..checks import as_path, check_choice
@@ -28,6 +29,7 @@ from .overview import raster_of
 BESIDE = {"flags": "tif", "amount": "tif", "stderr": "tif", "sample": "geojson", "model": "json", "picture": "png"}
 """Optional outputs beside the image and its sidecar, and the usual extensions of their file names."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
+Counts = npt.NDArray[np.int64] | int
 
 
 @dataclass(frozen=True)
@@ -74,19 +76,19 @@ class PixelCounts:
     not_water: int = 0  # not water, or outside the mask
     corrected: int = 0  # with the flag "corrected"
     protected: int = 0  # targets
-    replaced: Any = 0  # for each band: glint replaced by a chain
-    changed: Any = 0  # for each band: not copied
-    negative: Any = 0  # for each band: below 0 after the correction
-    clipped: Any = 0  # for each band: clipped to the range of the output's type
-    saturated: Any = 0  # for each band: saturated before the correction
-    glint: Any = 0  # for each class of sun glint
+    replaced: Counts = 0  # for each band: glint replaced by a chain
+    changed: Counts = 0  # for each band: not copied
+    negative: Counts = 0  # for each band: below 0 after the correction
+    clipped: Counts = 0  # for each band: clipped to the range of the output's type
+    saturated: Counts = 0  # for each band: saturated before the correction
+    glint: Counts = 0  # for each class of sun glint
 
     def add(self, other: Self) -> None:
         """Add the counts of another tile to these counts."""
         for name, count in vars(other).items():
             setattr(self, name, getattr(self, name) + count)
 
-    def by_band(self, name: str, names: Sequence[str]) -> dict[str, Any]:
+    def by_band(self, name: str, names: Sequence[str]) -> dict[str, np.int64]:
         """The counts in field `name`, one for each band, as a dictionary; its keys are the band `names`."""
         return dict(zip(names, np.broadcast_to(getattr(self, name), len(names)), strict=True))
 
@@ -177,7 +179,7 @@ def sidecar(
     }
 
 
-def _resolved(fitted: Fitted) -> dict[str, Any]:
+def _resolved(fitted: Fitted) -> dict[str, object]:
     """The recipe for the sidecar, with the regression, the use of the NIR and the bands that were really used."""
     recipe, model = asdict(fitted.recipe), fitted.model
     if recipe["nir_use"] == "auto":

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -19,11 +19,12 @@ from ..readers.grid import pixel_size
 from ..readers.roles import band_roles
 from ..remove import FitRequest
 from ..remove.wiener import SAMPLE_SIDE
-from ..scene import Scene, Window
-from ..tiles import Tile
+from ..scene import FloatArray, Scene, Window
+from ..tiles import T, Tile
 from .recipe import Recipe
 
 Progress = Callable[[str, int, int], None]  # of the name of a step, and the numbers of finished and of all tiles
+Note = Callable[[int, int], None]  # of the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
 LEAST_VALID = OVERVIEW_PIXELS // 4  # valid pixels in an overview, else the next is tried: some 2 of its 8 tiles
@@ -120,13 +121,13 @@ def raster_of(scene: Scene) -> RasterSource:
 
 
 def on_threads(
-    tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Callable[[int, int], None] | None = None
-) -> Iterator[Any]:
+    tiles: Sequence[Tile], work: Callable[[Tile], T], threads: int, progress: Note | None = None
+) -> Iterator[T]:
     """Iterate over the results of `work(tile)`, in the order of the tiles; arguments are as in `tiles.run`."""
     return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
 
 
-def read_tiles(scene: Scene, tiles: Sequence[Tile], bands: Sequence[int], threads: int) -> list[Any]:
+def read_tiles(scene: Scene, tiles: Sequence[Tile], bands: Sequence[int], threads: int) -> list[FloatArray]:
     """Physical values (band, row, column) of each tile; `bands` are 0-based."""
     return list(on_threads(tiles, lambda tile: scene.source.read(tile.window, list(bands)), threads))
 
@@ -147,10 +148,10 @@ class Sampler:
 
     tiles: Sequence[Tile]  # tiles that contain the sample
     squares: Sequence[Tile]  # the same area in squares of up to `TILE_SIDE` pixels, for any blocks of the file
-    mask: Callable[[Any, Tile], Mask]  # mask of the sample (row, column) from a block of `bands`, and from its tile
+    mask: Callable[[FloatArray, Tile], Mask]  # mask of the sample (row, column) from a block of `bands` and its tile
     bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
     halo: int = 0  # pixels around a tile that `mask` needs
-    numbers: dict[str, Any] = field(default_factory=dict)  # entries of the sidecar
+    numbers: dict[str, object] = field(default_factory=dict)  # entries of the sidecar
     bounds: Window | None = None  # window around a sample that the user has given
 
 
@@ -163,12 +164,14 @@ class Job:
     request: FitRequest
     overview: Overview
     threads: int
-    note: Callable[[int, int], None] | None  # called with the numbers of finished tiles and of all tiles
+    note: Note | None  # called with the numbers of finished tiles and of all tiles
     run: tiling.Run  # function that processes tiles
     want_sample: bool  # return the outline of the sample
     sampler: Sampler | None = None  # of the sample that the recipe names; None: "auto"
 
-    def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
+    def results(
+        self, tiles: Sequence[Tile], work: Callable[[Tile], T], halo: int = 0, note: Note | None = None
+    ) -> Iterator[T]:
         """Iterate over results of `work(tile)` in tile order, on as many of the job's threads as memory allows.
         `halo`: margin that `work` reads around a tile [pixel]; `note`: called with numbers of finished and all tiles.
         """

@@ -1,8 +1,8 @@
 """Options for processing a scene, the same as those of the command `deglint remove`, in an immutable object."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -103,7 +103,7 @@ class Recipe:
 Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-assign]
 
 
-def band_names(value: Any, field: str) -> tuple[str, ...]:
+def band_names(value: str | int | Sequence[str | int], field: str) -> tuple[str, ...]:
     """Names and 1-based numbers of bands, from text ("NIR1, NIR2"), number or list; errors name the option `field`."""
     try:
         return tuple(map(str, split_wanted(value)))

@@ -106,7 +106,7 @@ def remove_glint(
             return _correct_and_write(work, fitted, targets, checksum, run)
 
 
-def _check_saved(model: Any, chain: Any) -> None:
+def _check_saved(model: object, chain: object) -> None:
     """Raise InputError if a given model or chain is of another type, or if a chain comes without its model."""
     if model is not None:
         check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
@@ -125,7 +125,7 @@ class Run:
     begun: float = field(default_factory=time.perf_counter)  # [s]
 
 
-def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
+def check_outputs(source: object, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
     """Check that outputs can be written and replace no input (nor the file `sensor`); return the files of the scene."""
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
@@ -202,7 +202,7 @@ def _write_tiles(
     images = {"raw": (targets.image, image)} | beside(scene, image, tuple(work.amount_bands), targets, sky)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
     with writing_all(scratch, images) as writers:
-        for tile, done in (run.cluster or tiling).run(everything, work, threads=at_once, **options):
+        for tile, done in over(everything, work, threads=at_once, progress=progress, start=enter_thread):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
@@ -248,9 +248,9 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     whole = Tile(top, bottom, left, right)
     out = np.empty((len(scene.bands), *whole.shape), physical_dtype(raster_of(scene).info.dtype))
     everything = tiles_over(scene, whole.window, work.layout.tile)
-    options: dict[str, Any] = {"progress": partial(Reporter(), "correct"), "start": enter_thread}
+    progress = partial(Reporter(), "correct")
     with environment():
-        for tile, (clean, _where) in tiling.run(everything, work.values, **options):
+        for tile, (clean, _where) in tiling.run(everything, work.values, progress=progress, start=enter_thread):
             part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
             out[part.within(whole)] = clean[part.within(tile)]
     return out

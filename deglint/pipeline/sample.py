@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import tiles as tiling
 from ..choose import Choice, choose, without_ships
-from ..compensate import Background, Chain, ReplaceLevel, Sample, Setting, State, fit_chain
+from ..compensate import Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, fit_chain
 from ..compensate.posterior import WAVES_RESOLVED
 from ..compensate.psf import system_psf, typical_psf
 from ..masks import away_from_shore, water
@@ -39,9 +39,9 @@ AS_LARGE = 0.9  # squares with samples of at least this share of the largest sam
 KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 
-Place = tuple[Window | None, list[Any]]
+Place = tuple[Window | None, list[dict[str, object]]]
 """Bounding window in the scene of the sample in a tile (None: no sample), and its outline as GeoJSON if requested."""
-Sampled = tuple[dict[str, Any], dict[str, Any] | None]
+Sampled = tuple[dict[str, Any], dict[str, object] | None]
 """The sidecar entries of a sample, and its outline as GeoJSON if requested."""
 
 
@@ -210,7 +210,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
         sample = without_ships(sample)
     width = smallest_object(job.recipe.smallest_object, pixel)
 
-    def removal(method: str) -> Any:
+    def removal(method: str) -> FitRemoval:
         return partial(fit_removal, trial, parts, method)
 
     return choose(sample, setting(job), job.request.correct, removal, width=width, fine=fine)
@@ -251,9 +251,9 @@ def _read(job: Job, sampler: Sampler, plan: SamplePlan) -> Iterator[tuple[Sample
     columns = sorted({*plan.read_bands, *sampler.bands})
     rows, reach = [columns.index(b) for b in plan.read_bands], halo + sampler.halo
 
-    def work(tile: Tile) -> Any:
+    def work(tile: Tile) -> tuple[SampleStatistics, Place]:
         outer, middle = (tile.grown(n, scene.height, scene.width) for n in (reach, halo))
-        block: Any = scene.source.read(outer.window, columns)
+        block = scene.source.read(outer.window, columns)
         mask = sampler.mask(block[[columns.index(b) for b in sampler.bands]], outer)
         inner = middle.within(outer)
         mask, block = mask[inner], block[inner][rows]

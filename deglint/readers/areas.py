@@ -147,7 +147,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
     return np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring], np.float64)
 
 
-def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
+def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, object]]:
     """GeoJSON polygons of True pixels of a mask, in the scene's CRS; `origin`: row and column of its first pixel."""
     from rasterio.features import shapes
 
@@ -157,9 +157,9 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
     return [{"type": "Feature", "properties": {"use": "sample"}, "geometry": shape} for shape, _ in found]
 
 
-def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str, Any]:
+def collection(features: Sequence[Mapping[str, object]], scene: Scene) -> dict[str, object]:
     """A GeoJSON FeatureCollection of features in the scene's CRS, which its member `crs` names if it has a code."""
-    document: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
+    document: dict[str, object] = {"type": "FeatureCollection", "features": list(features)}
     authority = scene.crs.to_authority() if scene.crs is not None else None
     if authority:
         document["crs"] = {"type": "name", "properties": {"name": f"urn:ogc:def:crs:{authority[0]}::{authority[1]}"}}
