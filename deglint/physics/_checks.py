@@ -1,6 +1,7 @@
 """Checks of parameters; each error message has the parameter's name, its valid range, the given value and a remedy."""
 
-from dataclasses import field, fields
+from collections.abc import Iterable
+from dataclasses import Field, field, fields
 from typing import Any, cast
 
 import numpy as np
@@ -31,14 +32,14 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
     return array
 
 
-def check_quantity(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
+def check_quantity(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> None:
     """Raise InputError if `value` is no number, NaN or outside [low, high]; the other arguments are as in `within`."""
     array = within(name, value, low, high, unit, remedy)
     if isinstance(value, (str, bytes)) or array.ndim or np.isnan(array):
         raise InputError(f"{name} must be a finite number, got {value!r}; give one.")
 
 
-def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
+def ranged(default: object, low: float, high: float, unit: str, remedy: str, **more: object) -> Any:
     """Make a field of a `Checked` dataclass whose value must be a number in [low, high], or None; NaN is not allowed.
 
     `default` is MISSING for a required field; if it is a tuple, a value must have as many numbers. `unit` and `remedy`
@@ -47,7 +48,7 @@ def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
 
-def one_of(default: Any, allowed: Any, **more: Any) -> Any:
+def one_of(default: object, allowed: Iterable[object], **more: object) -> Any:
     """Make a `Checked` dataclass field whose value must be in `allowed`; `default` and `more` are as in `ranged`."""
     return field(default=default, metadata={"allowed": allowed, **more})
 
@@ -67,7 +68,7 @@ class Checked:
                 object.__setattr__(self, own.name, _ranged_value(own, value, own.default))
 
 
-def _ranged_value(own: Any, value: Any, default: Any) -> Any:
+def _ranged_value(own: Field[Any], value: Any, default: object) -> object:
     """Check a value of the field `own`, made by `ranged` with `default`; return it as numbers of Python, for JSON."""
     if isinstance(default, tuple):
         if np.shape(value) != np.shape(default):
@@ -106,7 +107,7 @@ def day_number(day: npt.ArrayLike) -> Array:
     return within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
 
 
-def choice(name: str, value: Any, allowed: Any) -> None:
+def choice(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise InputError if `value` is not in `allowed`; `name` is the name of the parameter, for the message."""
     if value not in list(allowed):  # a dict would need a value with a hash
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

@@ -13,7 +13,7 @@ Cox, Munk (1954), doi:10.1364/JOSA.44.000838; see `deglint.physics.slopes`.
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from . import fresnel, slopes, sun
 from ._checks import VIEW_LIMIT as VIEW_LIMIT
@@ -39,15 +39,13 @@ class Glint(NamedTuple):
     tilt: Array  # angle between the normal of this facet and the zenith [degree]
 
 
-def direction(zenith: npt.ArrayLike, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:
+def direction(zenith: ArrayLike, azimuth: ArrayLike) -> tuple[Array, Array, Array]:
     """Unit vector (east, north, up) that points to a zenith angle and an azimuth [degree]."""
     z, a = (np.radians(np.asarray(angle, dtype=np.float64)) for angle in (zenith, azimuth))
     return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z)
 
 
-def facet(
-    sun_zenith: npt.ArrayLike, sun_azimuth: npt.ArrayLike, view_zenith: npt.ArrayLike, view_azimuth: npt.ArrayLike
-) -> Facet:
+def facet(sun_zenith: ArrayLike, sun_azimuth: ArrayLike, view_zenith: ArrayLike, view_azimuth: ArrayLike) -> Facet:
     """Compute the facet that reflects the sun into the sensor.
 
     With s and v the unit vectors to the sun and to the sensor, the normal of the facet is ``h = (s + v) / |s + v|``,
@@ -74,9 +72,7 @@ def facet(
     return Facet(-x / z, -y / z, incidence, np.degrees(np.arctan2(level, z)))
 
 
-def probability(
-    density: npt.ArrayLike, view_zenith: npt.ArrayLike, tilt: npt.ArrayLike, solid_angle: npt.ArrayLike
-) -> Array:
+def probability(density: ArrayLike, view_zenith: ArrayLike, tilt: ArrayLike, solid_angle: ArrayLike) -> Array:
     """Share of the pixel, as seen by the sensor, that mirrors a light source of a given solid angle into the sensor.
 
         P = p Omega / (4 cos(view zenith) cos^4(tilt))
@@ -105,9 +101,7 @@ def probability(
     return np.asarray(density) * np.asarray(solid_angle) / (4.0 * cosine_view * cosine_tilt**4)
 
 
-def radiance(
-    density: npt.ArrayLike, view_zenith: npt.ArrayLike, tilt: npt.ArrayLike, incidence: npt.ArrayLike
-) -> Array:
+def radiance(density: ArrayLike, view_zenith: ArrayLike, tilt: ArrayLike, incidence: ArrayLike) -> Array:
     """Glint radiance per unit of irradiance on a plane facing the sun [1/sr].
 
         L / E_n = r(incidence) p / (4 cos(view zenith) cos^4(tilt))        (Cox and Munk 1954)
@@ -129,7 +123,7 @@ def radiance(
     return fresnel.reflectance(incidence) * probability(density, view_zenith, tilt, 1.0)
 
 
-def cone(half_angle: npt.ArrayLike) -> Array:
+def cone(half_angle: ArrayLike) -> Array:
     """Solid angle [sr] of a cone, 2 pi (1 - cos a); `half_angle` a is the angle from axis to edge [degree], 0 to 90.
 
     Examples
@@ -142,13 +136,13 @@ def cone(half_angle: npt.ArrayLike) -> Array:
 
 
 def sun_glint(
-    sun_zenith: npt.ArrayLike,
-    sun_azimuth: npt.ArrayLike,
-    view_zenith: npt.ArrayLike,
-    view_azimuth: npt.ArrayLike,
+    sun_zenith: ArrayLike,
+    sun_azimuth: ArrayLike,
+    view_zenith: ArrayLike,
+    view_azimuth: ArrayLike,
     *,
-    wind: npt.ArrayLike,
-    wind_from: npt.ArrayLike,
+    wind: ArrayLike,
+    wind_from: ArrayLike,
     model: str = "cox-munk",
 ) -> Glint:
     """Compute sun glint from angles and wind, for the solar disk at mean distance (`probability` is for any disk).

@@ -9,10 +9,12 @@ Reda, Andreas (2004), "Solar position algorithm for solar radiation applications
 577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990); see `deglint.physics.atmosphere`.
 """
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +23,8 @@ import numpy.typing as npt
 from ..errors import InputError
 from ._checks import Array, coordinates, day_number, within
 
+Time = str | datetime | np.datetime64  # a str is in ISO 8601 format
+Times = Time | Sequence[Time] | npt.NDArray[np.datetime64]
 MEAN_SOLID_ANGLE = 6.794e-5  # solid angle of the solar disk at mean distance [sr]; its radius is 0.2665 degrees
 _DELTA_T = 69.2  # terrestrial minus universal time [s], 2020 to 2030; an error of 10 s moves the sun by 1e-4 degrees
 
@@ -35,7 +39,7 @@ class Position(NamedTuple):
 def position(
     latitude: npt.ArrayLike,
     longitude: npt.ArrayLike,
-    time: Any,
+    time: Times,
     *,
     pressure: float = 1013.25,
     temperature: float = 15.0,
@@ -72,7 +76,7 @@ def position(
     return Position(np.reshape(zenith, moments.shape), np.reshape(azimuth, moments.shape))
 
 
-def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
+def next_rise(latitude: float, longitude: float, time: Time) -> np.datetime64:
     """Time in UTC of the next sunrise, accurate to about a minute; NaT if the sun does not rise within a day.
 
     At sunrise the centre of the sun, with refraction, crosses the horizon. The search starts at `time`; arguments are
@@ -83,7 +87,7 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     >>> str(next_rise(0.0, 0.0, "2026-03-20T00:00Z"))[:15]
     '2026-03-20T06:0'
     """
-    moments = np.asarray(_seconds(time) * 1e3).astype("datetime64[ms]") + np.arange(0, 1442) * np.timedelta64(1, "m")
+    moments = np.asarray(_seconds(time) * 1e3).astype("datetime64[ms]") + np.arange(1442).astype("timedelta64[m]")
     up = position(latitude, longitude, moments).zenith <= 90.0
     rises = np.flatnonzero(~up[:-1] & up[1:])
     if not rises.size:
@@ -115,7 +119,7 @@ def solid_angle(day: npt.ArrayLike | None = None) -> Array:
     return np.asarray(MEAN_SOLID_ANGLE * (1.0 if day is None else distance_factor(day)))
 
 
-def day_of_year(time: Any) -> Array:
+def day_of_year(time: Times) -> Array:
     """Day of the year with its fraction, 1.0 at the start of the first of January UTC; `time` is as in `position`.
 
     Examples
@@ -127,7 +131,7 @@ def day_of_year(time: Any) -> Array:
     return (moments - moments.astype("datetime64[Y]")) / np.timedelta64(1, "D") + 1.0
 
 
-def moment(time: Any) -> np.datetime64:
+def moment(time: Time) -> np.datetime64:
     """Convert one time, in a form that `position` accepts, to UTC without fractions of a second; InputError for NaT.
 
     Examples
@@ -141,7 +145,7 @@ def moment(time: Any) -> np.datetime64:
 
 
 @cache
-def _spa() -> Any:
+def _spa() -> ModuleType:
     """Import the module pvlib.spa without the rest of pvlib, whose import takes a second; spa needs only numpy."""
     package: Any = find_spec("pvlib")
     found: Any = spec_from_file_location("spa", Path(package.origin).with_name("spa.py"))
@@ -150,7 +154,7 @@ def _spa() -> Any:
     return module
 
 
-def _seconds(time: Any) -> Array:
+def _seconds(time: Times) -> Array:
     """Convert one time or an array of times, as `position` accepts them, to seconds since the start of 1970 UTC."""
     array = np.asarray(time)
     if np.issubdtype(array.dtype, np.datetime64):
@@ -158,7 +162,7 @@ def _seconds(time: Any) -> Array:
     return np.array([_moment(item).timestamp() for item in array.ravel().tolist()]).reshape(array.shape)
 
 
-def _moment(time: Any) -> datetime:
+def _moment(time: str | datetime) -> datetime:
     """Convert a datetime or ISO 8601 text to a datetime with a time zone, by default UTC; else raise InputError."""
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)

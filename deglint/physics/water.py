@@ -19,7 +19,7 @@ properties by optimization", Applied Optics 38, 3831-3843, doi:10.1364/AO.38.003
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from . import fresnel
 from ._checks import Array, sun_angle, within
@@ -30,9 +30,7 @@ _SKY_REFLECTANCE = 0.066  # reflectance of a calm sea for diffuse light from the
 _TURNED_BACK = 0.48  # share of upwelling light that the surface reflects back into the water [1]
 
 
-def deep_reflectance(
-    water: Iops, sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike
-) -> Array:
+def deep_reflectance(water: Iops, sun_zenith: ArrayLike, view_zenith: ArrayLike, relative_azimuth: ArrayLike) -> Array:
     """Remote-sensing reflectance of deep water [1/sr].
 
     The model is `lee_2011`. Beyond zenith angles of 75 (sun) and 70 degrees (sensor), its values there are used.
@@ -58,7 +56,7 @@ def deep_reflectance(
     return g[0] * u + g[1] * u2 + g[2] * v + g[3] * v2
 
 
-def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike) -> Array:
+def lee_2011(sun_zenith: ArrayLike, view_zenith: ArrayLike, relative_azimuth: ArrayLike) -> Array:
     """Coefficients Gw0, Gw1, Gp0, Gp1 (4, ...) [1/sr] of the model of Lee et al. (2011).
 
         Rrs = (Gw0 + Gw1 u) u + (Gp0 + Gp1 v) v,  u = b_bw / k,  v = b_bp / k,  k = a + b_bw + b_bp
@@ -90,13 +88,13 @@ def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
 
 def submerged_reflectance(
     water: Iops,
-    deep: npt.ArrayLike,
-    sun_zenith: npt.ArrayLike,
-    view_zenith: npt.ArrayLike,
+    deep: ArrayLike,
+    sun_zenith: ArrayLike,
+    view_zenith: ArrayLike,
     *,
-    depth: npt.ArrayLike,
-    reflectance: npt.ArrayLike,
-    direct_fraction: npt.ArrayLike = 0.7,
+    depth: ArrayLike,
+    reflectance: ArrayLike,
+    direct_fraction: ArrayLike = 0.7,
 ) -> Array:
     """Remote-sensing reflectance [1/sr] of the sea over a Lambertian object under water.
 
@@ -140,12 +138,12 @@ def submerged_reflectance(
 
 def absorption_only_reflectance(
     water: Iops,
-    sun_zenith: npt.ArrayLike,
-    view_zenith: npt.ArrayLike,
+    sun_zenith: ArrayLike,
+    view_zenith: ArrayLike,
     *,
-    depth: npt.ArrayLike,
-    reflectance: npt.ArrayLike,
-    direct_fraction: npt.ArrayLike = 0.7,
+    depth: ArrayLike,
+    reflectance: ArrayLike,
+    direct_fraction: ArrayLike = 0.7,
 ) -> Array:
     """Remote-sensing reflectance [1/sr] of a Lambertian object in water that absorbs but does not scatter.
 
@@ -160,18 +158,18 @@ def absorption_only_reflectance(
     return surface * albedo / np.pi * np.exp(-(_path(sun_zenith) + _path(view_zenith)) * water.absorption * depth)
 
 
-def _object(depth: npt.ArrayLike, reflectance: npt.ArrayLike) -> tuple[Array, Array]:
+def _object(depth: ArrayLike, reflectance: ArrayLike) -> tuple[Array, Array]:
     """Return depth [m], 0 to 1000, and reflectance [1], 0 to 1, of an object as float64; raise InputError outside."""
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     return depth, within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
 
 
-def _path(zenith: npt.ArrayLike) -> Array:
+def _path(zenith: ArrayLike) -> Array:
     """Path length of a ray in water divided by the depth [1], from the zenith angle of the ray in air [degree]."""
     return 1.0 / np.cos(np.radians(fresnel.refraction_angle(zenith)))
 
 
-def _both_ways(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, direct: npt.ArrayLike) -> Array:
+def _both_ways(sun_zenith: ArrayLike, view_zenith: ArrayLike, direct: ArrayLike) -> Array:
     """Product T_d T_u [1] of the surface transmittances of `submerged_reflectance`; `direct`: its `direct_fraction`."""
     direct = within("direct_fraction", direct, 0.0, 1.0, "", "Give direct over total irradiance.")
     downward = direct * (1.0 - fresnel.reflectance(sun_zenith)) + (1.0 - direct) * (1.0 - _SKY_REFLECTANCE)
