@@ -100,7 +100,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         raise click.exceptions.Exit(1)
 
 
-def summary(found: list[Any]) -> list[str]:
+def summary(found: list[Outcome]) -> list[str]:
     """Summarise the outcomes `found` in lines of text: a table of the scenes, and the number of scenes by status."""
     rows = [("scene", "status", "seconds", "corrected", "method", "reason")]
     for o in found:

@@ -5,7 +5,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 from click.shell_completion import CompletionItem
@@ -13,8 +13,13 @@ from click.shell_completion import CompletionItem
 from ..checks import nearest
 from .running import BoldContext
 
+if TYPE_CHECKING:
+    from ..cluster import Cluster
+
 log = logging.getLogger(__name__)
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # click settings of a command
+Decorator = Callable[[Callable[..., None]], Callable[..., None]]  # of a function that becomes a click command
+Callback = Callable[[click.Context, click.Parameter, str | tuple[str, ...] | None], object]
 
 
 class Grouped(click.Command):
@@ -35,11 +40,11 @@ class Grouped(click.Command):
                 formatter.write_dl(records)
 
 
-def heading(text: str) -> Callable[[Any], Any]:
+def heading(text: str) -> Decorator:
     """Decorator that puts a heading above the options that follow it, up to the next heading."""
 
-    def decorate(command: Any) -> Any:
-        for option in command.__click_params__:
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        for option in vars(command)["__click_params__"]:
             option.heading = getattr(option, "heading", text)
         return command
 
@@ -115,16 +120,16 @@ def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...])
     return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
 
 
-def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
+def parsed(read: Callable[[str], object], wrong: str) -> Callback:
     """Make a click callback that converts each text by `read`; a ValueError becomes a usage error with text `wrong`."""
 
-    def one(text: str) -> Any:
+    def one(text: str) -> object:
         try:
             return read(text)
         except ValueError:
             raise click.BadParameter(f"{text!r} {wrong}") from None
 
-    def callback(_ctx: click.Context, _param: click.Parameter, value: Any) -> Any:
+    def callback(_ctx: click.Context, _param: click.Parameter, value: str | tuple[str, ...] | None) -> object:
         if value is None or isinstance(value, tuple):
             return value and tuple(map(one, value))
         return one(value)
@@ -132,22 +137,22 @@ def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
     return callback
 
 
-def place(option: str, metavar: str, said: str) -> Callable[[Any], Any]:
+def place(option: str, metavar: str, said: str) -> Decorator:
     """Make an option for a file name or a word: those in lower case in `metavar`, of which the first is the default."""
     words = [word for word in metavar.split("|") if word.islower()]
     return click.option(option, type=FileName(*words), default=words[0], metavar=metavar, help=said)
 
 
-def bands_to(*option: str, shown: str, said: str) -> Callable[[Any], Any]:
+def bands_to(*option: str, shown: str, said: str) -> Decorator:
     """Make an option that takes bands, by names or numbers; `shown` describes its default, `said` is its help text."""
     metavar = "BAND[,BAND]"
     return click.option(*option, multiple=True, callback=names, metavar=metavar, show_default=shown, help=said)
 
 
-def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
+def with_options(*options: Decorator) -> Decorator:
     """Decorator that adds several options to a command, in the order in which `--help` lists them."""
 
-    def decorate(command: Any) -> Any:
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
         for option in reversed(options):
             command = option(command)
         return command
@@ -221,7 +226,7 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 
 @contextlib.contextmanager
-def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
+def cluster_of(given: dict[str, Any]) -> Iterator["Cluster | None"]:
     """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end.
 
     For a dry run, the options are checked, and None is provided.

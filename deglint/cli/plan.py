@@ -8,12 +8,12 @@ from typing import Any
 
 import click
 
-from .options import FILE, SENSOR_CHOICE, SKY_CHOICE, ChoiceFromTable, Grouped, heading, messages, parsed
+from .options import FILE, SENSOR_CHOICE, SKY_CHOICE, ChoiceFromTable, Decorator, Grouped, heading, messages, parsed
 
 log = logging.getLogger(__name__)
 
 
-def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
+def at(first: str, second: str, example: str) -> Callable[..., object]:
     """Make a click callback that parses "A@B" to {first: A, second: B}, or "A" to {first: A}; A and B are numbers."""
 
     def read(text: str) -> dict[str, float]:
@@ -35,7 +35,7 @@ def minutes(text: str) -> float:
 PLACES: dict[str, str] = {}  # for each option made by `setting`, the "table.key" of a mission file that it sets
 
 
-def setting(option: str, place: str, unit: str | None, said: str, kind: Any = float) -> Callable[..., Any]:
+def setting(option: str, place: str, unit: str | None, said: str, kind: type | click.ParamType = float) -> Decorator:
     """Make an option that sets `place`, the "table.key" of a mission file. Its type is `kind`, by default a number."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=kind, metavar=unit, help=said)
@@ -140,7 +140,7 @@ def plan(**given: Any) -> None:
     tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
     mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
     with Console(given) as console:
-        for line in _assumed(given, tables, mission) if mode is not planning.page else []:
+        for line in planning.assumed(given, tables, mission) if mode is not planning.page else []:
             log.info(line)
         mode(given, mission, console)
 
@@ -164,18 +164,3 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
         if given[name] is not None:
             tables.setdefault(table, {})[key] = given[name]
     return {name: values for name, values in tables.items() if values}
-
-
-def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
-    """Lines for the log: times, time zones and winds that are assumed as none is given, and warnings of the mission."""
-    out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
-    spans = [given["start"], given["end"]] if given["start"] else [mission.time]
-    texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
-    bare = [text for text in texts if not re.search(r"(Z|[+-]\d\d:?\d\d)$", text, re.IGNORECASE)]
-    out += [f"time {text} names no zone: taken as UTC." for text in bare]
-    wind, way = tables.get("wind", {}), "give --wind SPEED@FROM."
-    if "speed" not in wind:
-        out.append(f"wind: {mission.wind:g} m/s from {mission.wind_from:g} degrees assumed; {way}")
-    elif "from" not in wind:
-        out.append(f"wind: from {mission.wind_from:g} degrees assumed; {way}")
-    return out + list(mission.cautions)

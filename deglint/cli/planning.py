@@ -2,15 +2,18 @@
 
 import json
 import logging
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
+import numpy as np
 
 from ..plan import swath, sweep
 from ..plan.charts import day_picture, line_picture, selected, wind_picture
 from ..plan.dataset import summary
-from ..plan.draw import png
+from ..plan.draw import Image, png
+from ..plan.mission import Mission, Tables
 from ..plan.picture import picture
 from ..plan.reticle import best_geometry, quality, reticle, sentence
 from ..raster.output import plain
@@ -20,7 +23,7 @@ from .running import Console
 log = logging.getLogger(__name__)
 PORT = 8765  # default of --port
 Given = dict[str, Any]  # options of the command by name
-Mode = Callable[[Given, Any, Console], None]
+Mode = Callable[[Given, Mission, Console], None]
 """Function of the options, the mission and the console: it computes a plan, writes its files and prints it."""
 
 
@@ -65,11 +68,11 @@ def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[
     return {**tables, "place": place}
 
 
-def _times(given: Given) -> Any:
+def _times(given: Given) -> list[np.datetime64]:
     return sweep.times(given["start"], given["end"], given["every"] or 30.0)
 
 
-def one_reticle(given: Given, mission: Any, _console: Console) -> None:
+def one_reticle(given: Given, mission: Mission, _console: Console) -> None:
     """Make a reticle, the plan of all viewing geometries at one time; write it, and print a summary."""
     found, band = reticle(mission), given["show"]
     if band:
@@ -83,7 +86,7 @@ def one_reticle(given: Given, mission: Any, _console: Console) -> None:
     click.echo(sentence(geometry) + ("" if geometry is None else f"\n{quality(geometry)}"))
 
 
-def over_time(given: Given, mission: Any, console: Console) -> None:
+def over_time(given: Given, mission: Mission, console: Console) -> None:
     """Make a plan for a span of time: the best time, and the best viewing geometry at each time."""
     when = _times(given)
     moments, found = [], []
@@ -92,19 +95,19 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
         found.append(plan)
         console.progress("sweep", len(moments), len(when))
 
-    def day() -> Any:
+    def day() -> Image:
         return day_picture(mission, moments, {k: p for k in selected(moments) if (p := found[k]) is not None})
 
     _finish(given, day, sweep.numbers(mission, moments), sweep.table(moments))
 
 
-def under_winds(given: Given, mission: Any, _console: Console) -> None:
+def under_winds(given: Given, mission: Mission, _console: Console) -> None:
     """Make a plan for an uncertain wind: geometries that no wind of an interval excludes."""
     found = sweep.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 
 
-def flight_line(given: Given, mission: Any, _console: Console) -> None:
+def flight_line(given: Given, mission: Mission, _console: Console) -> None:
     """Make a plan for a flight line: the heading with the least glint."""
     across, _, along = given["fov"].lower().partition("x")
     try:
@@ -118,7 +121,7 @@ def flight_line(given: Given, mission: Any, _console: Console) -> None:
     _finish(given, lambda: line_picture(mission, found, said), swath.numbers(mission, found, others), said)
 
 
-def page(given: Given, mission: Any, _console: Console) -> None:
+def page(given: Given, mission: Mission, _console: Console) -> None:
     """Serve a web page with sliders that change the plan, until the user presses Ctrl-C."""
     from ..plan.serve import serve
 
@@ -128,7 +131,22 @@ def page(given: Given, mission: Any, _console: Console) -> None:
     serve(mission, port=port, say=log.info, browser=not given["no_browser"])
 
 
-def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
+def assumed(given: Given, tables: Tables, mission: Mission) -> list[str]:
+    """Lines for the log: times, time zones and winds that are assumed as none is given, and warnings of the mission."""
+    out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
+    spans = [given["start"], given["end"]] if given["start"] else [mission.time]
+    texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
+    bare = [text for text in texts if not re.search(r"(Z|[+-]\d\d:?\d\d)$", text, re.IGNORECASE)]
+    out += [f"time {text} names no zone: taken as UTC." for text in bare]
+    wind, way = tables.get("wind", {}), "give --wind SPEED@FROM."
+    if "speed" not in wind:
+        out.append(f"wind: {mission.wind:g} m/s from {mission.wind_from:g} degrees assumed; {way}")
+    elif "from" not in wind:
+        out.append(f"wind: from {mission.wind_from:g} degrees assumed; {way}")
+    return out + list(mission.cautions)
+
+
+def _finish(given: Given, picture: Callable[[], Image], numbers: Mapping[str, object], lines: list[str]) -> None:
     """Write `picture` and `numbers` to the output files; print `numbers` as JSON, or the `lines` of text."""
     if given["outs"]:
         outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}
@@ -136,5 +154,5 @@ def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any]
     click.echo(_json(numbers) if given["as_json"] else "\n".join(lines))
 
 
-def _json(numbers: Mapping[str, Any]) -> str:
+def _json(numbers: Mapping[str, object]) -> str:
     return json.dumps(plain(numbers), indent=2, allow_nan=False)

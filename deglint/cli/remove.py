@@ -19,6 +19,7 @@ from .running import Console
 
 if TYPE_CHECKING:
     from ..pipeline import Outputs, Recipe
+    from ..pipeline.outputs import Saved
     from ..scene import Scene
 
 METHOD = ChoiceFromTable("METHODS", "deglint.remove", "auto")
@@ -115,14 +116,14 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         if given["dry_run"]:
             dry_run(inputs, targets, recipe, (model, chain), given, console)
             return
-        work = {"model": model, "chain": chain, "cluster": cluster, "progress": console.progress}
+        work: dict[str, Any] = {"model": model, "chain": chain, "cluster": cluster, "progress": console.progress}
         reading = opening(given) | {"grid": given["grid"]}
         result = remove_glint(list(inputs), targets, recipe, threads=given["threads"], **reading, **work)
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
 
 
-def unused_by_model(given: Mapping[str, Any]) -> str:
+def unused_by_model(given: Mapping[str, object]) -> str:
     """Text of those options of a recipe in `given` that a saved model does not use, and that differ from their default.
 
     A model uses `mask`, `nir` and `bands`, and `compensate` if it is "off". An option with the value None is not given.
@@ -135,7 +136,7 @@ def unused_by_model(given: Mapping[str, Any]) -> str:
 
 
 def dry_run(
-    inputs: Sequence[str], targets: Outputs, recipe: Recipe, saved: Any, given: dict[str, Any], console: Console
+    inputs: Sequence[str], targets: Outputs, recipe: Recipe, saved: Saved, given: dict[str, Any], console: Console
 ) -> None:
     """Open the scene and fit the recipe, or take the model and chain `saved`; print the files that would be written.
 

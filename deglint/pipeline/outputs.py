@@ -30,6 +30,7 @@ BESIDE = {"flags": "tif", "amount": "tif", "stderr": "tif", "sample": "geojson",
 """Optional outputs beside the image and its sidecar, and the usual extensions of their file names."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 Counts = npt.NDArray[np.int64] | int
+Saved = tuple[GlintModel | None, Chain | None]  # what `load_fit` reads, if anything
 
 
 @dataclass(frozen=True)

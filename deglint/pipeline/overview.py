@@ -24,6 +24,7 @@ from ..tiles import T, Tile
 from .recipe import Recipe
 
 Progress = Callable[[str, int, int], None]  # of the name of a step, and the numbers of finished and of all tiles
+Work = Callable[[Tile], T]
 Note = Callable[[int, int], None]  # of the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
@@ -120,9 +121,7 @@ def raster_of(scene: Scene) -> RasterSource:
     return cast(RasterSource, scene.source)
 
 
-def on_threads(
-    tiles: Sequence[Tile], work: Callable[[Tile], T], threads: int, progress: Note | None = None
-) -> Iterator[T]:
+def on_threads(tiles: Sequence[Tile], work: Work[T], threads: int, progress: Note | None = None) -> Iterator[T]:
     """Iterate over the results of `work(tile)`, in the order of the tiles; arguments are as in `tiles.run`."""
     return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
 
@@ -169,9 +168,7 @@ class Job:
     want_sample: bool  # return the outline of the sample
     sampler: Sampler | None = None  # of the sample that the recipe names; None: "auto"
 
-    def results(
-        self, tiles: Sequence[Tile], work: Callable[[Tile], T], halo: int = 0, note: Note | None = None
-    ) -> Iterator[T]:
+    def results(self, tiles: Sequence[Tile], work: Work[T], halo: int = 0, note: Note | None = None) -> Iterator[T]:
         """Iterate over results of `work(tile)` in tile order, on as many of the job's threads as memory allows.
         `halo`: margin that `work` reads around a tile [pixel]; `note`: called with numbers of finished and all tiles.
         """

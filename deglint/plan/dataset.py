@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import InputError
+from .draw import Values
 from .mission import tables_of
 from .reticle import Reticle, ViewingGeometry, best_geometry, description
 
@@ -33,7 +33,7 @@ BAND_LAYERS = {  # the same, for layers with an axis of bands
 _NUMBER_LAYERS = tuple(name for name in BAND_LAYERS if name not in ("clear_of_sky", "detectable", "by_band"))
 
 
-def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
+def layer(plan: Reticle, name: str) -> Values:
     """Array of a plan: (zenith, azimuth) if `name` is in `LAYERS`, (band, zenith, azimuth) if in `BAND_LAYERS`."""
     out_of_water = {"background_radiance": plan.light.background, "object_radiance": plan.light.target}
     return np.asarray(out_of_water[name] if name in out_of_water else getattr(plan, name))
@@ -50,7 +50,7 @@ def dataset(plan: Reticle) -> Any:
         raise InputError("this needs xarray: pip install 'deglint[xarray]', or write .json or .tif instead.") from None
     mission, geometries, where = plan.mission, ("zenith", "azimuth"), "of the sensor as seen from the object"
 
-    def variable(axes: Any, values: npt.NDArray[Any], unit: str, meaning: str) -> tuple[Any, Any, dict[str, str]]:
+    def variable(axes: str | tuple[str, ...], values: Values, unit: str, meaning: str) -> tuple[object, ...]:
         kept = values.astype({"b": np.int8, "f": np.float32}[values.dtype.kind]) if values.ndim > 1 else values
         return axes, kept, {"units": unit, "long_name": meaning}
 
@@ -78,7 +78,7 @@ def dataset(plan: Reticle) -> Any:
     return xarray.Dataset(data, coordinates, attrs=attributes)
 
 
-def summary(plan: Reticle) -> dict[str, Any]:
+def summary(plan: Reticle) -> dict[str, object]:
     """Summarise the plan for JSON: mission, sun, excluded share, texts, best viewing geometry with values by band."""
     geometry = best_geometry(plan)
     return {
@@ -97,7 +97,7 @@ def excluded_share(plan: Reticle) -> float:
     return float(np.average(plan.excluded[:, :-1], weights=weight))
 
 
-def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
+def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, object]:
     """Values of a viewing geometry for JSON: angles, contrast, glint; `_NUMBER_LAYERS` and electrons of each band."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
@@ -121,7 +121,7 @@ def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
     }
 
 
-def document(plan: Reticle) -> dict[str, Any]:
+def document(plan: Reticle) -> dict[str, object]:
     """Convert a plan to values for JSON: its summary, and its arrays, rounded to four significant digits.
 
     Radiances and `by_band` are not included. The radiance of glint is `glint_strength` times the irradiance "normal";
@@ -135,7 +135,7 @@ def document(plan: Reticle) -> dict[str, Any]:
     return summary(plan) | axes | {"irradiance": light, "layers": layers}
 
 
-def _rounded(values: npt.NDArray[Any]) -> Any:
+def _rounded(values: Values) -> object:
     if values.dtype == bool:
         return values.astype(np.int8).tolist()
     values = values.astype(np.float64)

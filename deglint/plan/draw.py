@@ -87,8 +87,8 @@ class Canvas:
         picture = Pictures.fromarray(self.image)
         pen = ImageDraw.Draw(picture)
         for at, text, size, colour, anchor, halo in self._texts:
-            rim: dict[str, Any] = {"stroke_width": 2, "stroke_fill": PAPER} if halo else {}
-            pen.text(at, text, colour, _font(size), anchor=anchor, **rim)
+            rim = PAPER if halo else None
+            pen.text(at, text, colour, _font(size), anchor=anchor, stroke_width=2 * halo, stroke_fill=rim)
         return np.asarray(picture)
 
 
@@ -191,7 +191,7 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 
 @lru_cache(maxsize=8)
-def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
+def _places(radius: int, down: int, around: int) -> tuple[Values, Values]:
     """Maps for cv2.remap: the fractional column (azimuth) and row (zenith) from which each pixel of a disc is taken.
 
     There are `down` zenith angles and `around` azimuths; the radius of the disc is `_OVERSAMPLING` * `radius` [pixel].

@@ -21,6 +21,7 @@ from ..physics.atmosphere import CLEAR_AIR, Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
 from ..physics.sky import SKY_MODELS as SKIES
+from ..physics.sun import Time
 from .skylight import Wind
 
 WATERS = ("scattering", "absorption")  # models of light propagation from an object under water
@@ -100,7 +101,7 @@ class Mission(Checked):
     # `file` is the table and key of a field in a mission file
     latitude: float | None = ranged(None, -90, 90, "degrees", "North is positive.", file="place.latitude")
     longitude: float | None = ranged(None, -180, 360, "degrees", "East is positive.", file="place.longitude")
-    time: Any = field(default=None, metadata={"file": "place.time"})
+    time: Time | None = field(default=None, metadata={"file": "place.time"})
     sun_zenith: float | None = ranged(
         None, 0, SUN_LIMIT, "degrees", "The sun is down; choose another time.", file="sun.zenith"
     )
@@ -142,7 +143,7 @@ class Mission(Checked):
             self._check_place()
 
     def _check_place(self) -> None:
-        if self.place is None:
+        if self.place is None or self.moment is None:
             raise InputError(
                 "where the sun stands is not known: give latitude and longitude (--lat and --lon, or --place), or the "
                 "angles of the sun (--sun)."
@@ -182,6 +183,7 @@ class Mission(Checked):
         if self.sun_zenith is not None and self.sun_azimuth is not None:
             return float(self.sun_zenith), float(self.sun_azimuth) % 360.0
         assert self.place is not None
+        assert self.moment is not None
         zenith, azimuth = sun.position(*self.place, self.moment)
         return float(zenith), float(azimuth)
 
@@ -228,7 +230,7 @@ class Mission(Checked):
         return replace(self, step=max(self.step, COARSE_STEP))
 
 
-Tables = Mapping[str, Mapping[str, Any]]  # table: {key: value}
+Tables = Mapping[str, Mapping[str, object]]  # table: {key: value}
 
 # (table, key) of a mission file: field of `Mission`
 _FIELDS = {tuple(f.metadata["file"].split(".")): f.name for f in fields(Mission) if "file" in f.metadata}
@@ -274,9 +276,9 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     return replace(mission, air=replace(mission.weather, **air)) if air else mission
 
 
-def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
+def tables_of(mission: Mission) -> dict[str, dict[str, object]]:
     """Convert a mission, with its defaults, to tables {table: {key: value}} that `mission_from` can read."""
-    out: dict[str, dict[str, Any]] = {table: {} for table in _TABLES}
+    out: dict[str, dict[str, object]] = {table: {} for table in _TABLES}
     for (table, key), own in _FIELDS.items():
         out[table][key] = getattr(mission, own)
     out["place"]["time"] = None if mission.moment is None else f"{mission.moment}Z"
@@ -292,7 +294,7 @@ def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
     return {table: values for table, values in kept.items() if values}
 
 
-def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
+def merged(below: Tables, above: Tables) -> dict[str, dict[str, object]]:
     """Merge tables: `above` overrides `below`; a table "sun" in `above` replaces "place" in `below`, and vice versa."""
     instead = {"sun": "place", "place": "sun"}
     out: dict[str, Any] = {table: values for table, values in below.items() if instead.get(table) not in above}
@@ -302,7 +304,7 @@ def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
     return out
 
 
-def pressure(value: Any) -> float:
+def pressure(value: object) -> float:
     """Convert a number [hPa], or a text such as "29.9 inHg", "762 mmHg" or "1013" (hPa), to a pressure [hPa].
 
     Raises InputError if the value is neither.
@@ -317,7 +319,7 @@ def pressure(value: Any) -> float:
     raise InputError(f"pressure must be like 1013 hPa, 29.9 inHg or 760 mmHg, got {value!r}. Name the unit.")
 
 
-def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
+def _read(table: str, values: object, known: Iterable[str], name: str) -> dict[str, Any]:
     """Return a table, numbers as float; raise InputError if it is no table, a key is unknown or a value not finite."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
@@ -346,7 +348,7 @@ def _sensor(values: dict[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]
     return replace(base, **own), (bands,) if isinstance(bands, str) else tuple(map(str, bands))
 
 
-def _band(values: Any, name: str) -> SensorBand:
+def _band(values: object, name: str) -> SensorBand:
     read = _read("sensor.band", values, [f.name for f in fields(SensorBand)], name)
     if not {"name", "low", "high", "full_scale"} <= set(read):
         raise InputError(f"{name}: a [[sensor.band]] has name, low, high [nm] and full_scale [W m-2 sr-1 nm-1].")

@@ -7,7 +7,6 @@ call BLAS, whose threads block each other for seconds on a busy machine.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -178,7 +177,7 @@ def _over_object(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: F
     """
     column = Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
-    given: dict[str, Any] = {"depth": mission.depth, "direct_fraction": direct_fraction[:, None]}
+    given: dict[str, npt.ArrayLike] = {"depth": mission.depth, "direct_fraction": direct_fraction[:, None]}
     if mission.water == "absorption":
         shine = water.absorption_only_reflectance(column, *angles, reflectance=albedo, **given)
         return np.ones_like(shine), shine
@@ -205,9 +204,7 @@ class ViewingGeometry:
         return (self.azimuth + 180.0) % 360.0
 
 
-def best_geometry(
-    plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None
-) -> ViewingGeometry | None:
+def best_geometry(plan: Reticle, contrast: Floats | None = None, *, band: str | None = None) -> ViewingGeometry | None:
     """The viewing geometry with the highest contrast; None if all are excluded.
 
     If possible, one is selected that has no excluded viewing geometry within `MARGIN`. `contrast` (zenith, azimuth) is
@@ -284,7 +281,7 @@ def compass(azimuth: float) -> str:
 
 
 @lru_cache(maxsize=4)
-def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:
     """Indices of zenith angle and of azimuth of `_AROUND` points at an angle of `MARGIN` from each viewing geometry.
 
     Both arrays are (point, zenith, azimuth). `shape` is the number of zenith angles and of azimuths, `widest` the

@@ -113,11 +113,11 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(body)
 
-    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the name that the base class gives it)
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002  (the name that the base class gives it)
         """Log nothing, whereas the base class logs each request."""
 
 
-def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
+def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, object]:
     """Compute a plan for the page: picture (PNG in base64), text, names of bands, values to show at the mouse pointer.
 
     `asked` holds the changed values by name, as text; all other values are taken from `base`.
@@ -147,7 +147,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _start(base: Mission) -> dict[str, Any]:
+def _start(base: Mission) -> dict[str, object]:
     """Initial state of the page, for JSON: values of the sliders, largest wind, time, sensors, size of the picture."""
     values = {name: getattr(base, name) for name in SLIDERS}
     values |= {"visibility": base.weather.visibility, "glint": base.limits.glint}

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..physics import fresnel, sky, slopes
 from ..physics._checks import Floats
 
+Vector = tuple[npt.NDArray[Any], npt.NDArray[Any], float]  # upwind, crosswind, up
 ZENITHS, AZIMUTHS = 21, 72  # number of zenith angles and azimuths at which the facets are summed
 FACETS, FACET_REACH = 40, 4.5  # number of facets along each wind axis, and largest slope [standard deviations]
 LEVELS = np.geomspace(2e-3, 2.0, 120)
@@ -114,7 +115,7 @@ def _facet_sums(
     return (mean / shadowing).astype(np.float32), np.moveaxis(brighter, -1, 0).astype(np.float32)
 
 
-def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
+def _unit(zenith: float, turn: npt.ArrayLike) -> Vector:
     """Unit vector (upwind, crosswind, up) towards a zenith angle and an azimuth relative to the wind [degree]."""
     z, a = np.radians(zenith), np.radians(turn)
     level = np.sin(z)
@@ -137,7 +138,7 @@ class _Facets:
         self.step = float(np.sqrt(area))  # mean distance of the slopes of neighbouring facets [1]
 
     def reflected_sky(
-        self, zenith: float, azimuths: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
+        self, zenith: float, azimuths: Floats, to_sun: Vector, sun_zenith: float, model: str
     ) -> tuple[Floats, Floats]:
         """Share of the sea that each facet covers as the sensor sees it [1], and sky radiance that it reflects [1/sr].
 

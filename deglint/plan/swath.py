@@ -5,7 +5,6 @@ If every heading has glint, `alternatives` finds another time to fly, or a tilt 
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -186,7 +185,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
     return out
 
 
-def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
+def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, object]:
     """Values for JSON (via `raster.output.plain`): mission, view, best heading, alternatives, glint of all headings."""
     return {
         "mission": tables_of(mission),

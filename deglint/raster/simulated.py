@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from affine import Affine
@@ -21,16 +21,20 @@ from ..errors import InputError, WriteError
 from .output import Layer, plain, write_bytes, write_json
 from .targets import Reads, Scratch, check_targets, write_errors
 
+if TYPE_CHECKING:
+    from ..plan.reticle import Reticle
+    from ..simulate import Setup, SimulatedScene
+
 CRS = "EPSG:32610"  # of every scene: UTM zone 10 north
 CORNER = 600_000.0, 4_070_000.0  # upper left corner of every scene [m], at sea off California
 SIMULATED_UNIT = "W m-2 sr-1 nm-1"  # of radiance
-Content = bytes | Mapping[str, Any] | Callable[[Path], None]
+Content = bytes | Mapping[str, object] | Callable[[Path], None]
 """Content of a file: bytes, values for JSON, or a function that writes the file with a given path."""
 _SIGNED = {"software": f"deglint {__version__}"}
 
 
 def write_scene(
-    scene: Any, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
+    scene: "SimulatedScene", stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
 ) -> list[Path]:
     """Write a simulated scene: the image ``DIR/NAME.tif``, its ground truth ``DIR/NAME_*.tif``, and ``DIR/NAME.json``.
 
@@ -56,7 +60,7 @@ def write_scene(
     return [*targets.values(), sidecar]
 
 
-def planned_files(stem: str | Path, setup: Any, *, surface: bool = False) -> dict[Path, int]:
+def planned_files(stem: str | Path, setup: "Setup", *, surface: bool = False) -> dict[Path, int]:
     """Uncompressed bytes of each file of `write_scene`, image first (JSON: 0); `surface`: also of height and slopes."""
     base, count, pixels = _base(stem), len(setup.sensor.bands), math.prod(setup.size)
     sizes = {"": 2 * count, "_truth": 4 * count, "_truth_water": 4 * count, "_truth_noisy": 2 * count}
@@ -74,7 +78,7 @@ def _base(stem: str | Path) -> Path:
     return path.with_suffix("") if path.suffix.lower() in {".tif", ".tiff"} else path
 
 
-def layers_of(scene: Any) -> dict[str, Layer]:
+def layers_of(scene: "SimulatedScene") -> dict[str, Layer]:
     """Image and ground truth of a simulated scene as a `Layer` each, by the suffix of its file ("" for the image)."""
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
@@ -106,7 +110,7 @@ def layers_of(scene: Any) -> dict[str, Layer]:
     return out
 
 
-def _tags(setup: Any) -> dict[str, str]:
+def _tags(setup: "Setup") -> dict[str, str]:
     sensor = setup.sensor
     angles = ("sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "wind_from")
     numbers = {f"{name.upper()}_DEG": getattr(setup, name) for name in angles} | {"WIND_M_S": setup.wind}
@@ -116,7 +120,7 @@ def _tags(setup: Any) -> dict[str, str]:
     return said | {k: f"{v:g}" for k, v in numbers.items()} | {"SEED": str(setup.seed)}
 
 
-def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
+def describe(scene: "SimulatedScene", files: Mapping[str, str]) -> dict[str, object]:
     """Content of a scene's JSON file: parameters, statistics of each band, and `files`, the file names by suffix."""
     import scipy
 
@@ -160,7 +164,9 @@ def check_plan(
     check_targets(targets, reads, overwrite=overwrite)
 
 
-def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
+def write_plan(
+    plan: "Reticle", targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False
+) -> None:
     """Write a plan (`deglint.plan.Reticle`) to every target, in the format of its ending; `picture` returns the PNG."""
     from ..plan import dataset
 
@@ -193,7 +199,7 @@ def _kind(target: Path) -> str:
     return ".tif" if ending == ".tiff" else ending
 
 
-def _geotiff(plan: Any, path: Path) -> None:
+def _geotiff(plan: "Reticle", path: Path) -> None:
     """Write a plan as GeoTIFF without CRS: a band per layer, a row per zenith angle, a column per azimuth [degree]."""
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
 

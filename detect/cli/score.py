@@ -14,10 +14,10 @@ SHARE = click.FloatRange(0, 1, min_open=True, max_open=True)
 SHARE.name = "share between 0 and 1, such as 1e-4"  # in the message: "5%" is not a valid ...
 
 
-def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
+def pair(kind: Callable[[str], float], name: str, example: str) -> options.Callback:
     """Make a click callback that parses "A,B", two numbers of type `kind`; errors show `name` and `example`."""
 
-    def read(text: str) -> tuple[Any, Any]:
+    def read(text: str) -> tuple[float, float]:
         first, second = map(kind, text.split(","))
         return first, second
 
