@@ -86,7 +86,7 @@ def same_nodata(a: float | None, b: float | None) -> bool:
     return a == b or (a != a and b != b)
 
 
-def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
+def retype(raw: Raw, dtype: np.dtype[Any]) -> tuple[Raw, Valid | None]:
     """Convert file values to another type; return them and a mask of clipped finite values, or None if all fit.
 
     Values for an integer type are rounded to the nearest integer and clipped to its range; NaN and infinity become 0.
@@ -107,7 +107,7 @@ def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any
 
 
 def encode(
-    values: FloatArray, raw: npt.NDArray[Any], *, scale: float, offset: float, where: Valid, nodata: float | None = None
+    values: FloatArray, raw: Raw, *, scale: float, offset: float, where: Valid, nodata: float | None = None
 ) -> tuple[Valid, Valid]:
     """Convert the physical values of a band to file values, and write these into `raw`, in place.
 
@@ -133,7 +133,7 @@ def encode(
     return (values < 0) & where, outside
 
 
-def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
+def _moved(stored: Raw, good: Valid, nodata: float | None) -> Valid:
     """Move values that equal `nodata` where `good` to the next number, in place; return the mask of moved integers."""
     if nodata is None or not np.isfinite(nodata) or not holds(stored.dtype, nodata):
         return np.zeros(stored.shape, np.bool_)
@@ -147,8 +147,8 @@ def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid
 
 
 def relaid(
-    raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
-) -> tuple[npt.NDArray[Any], Valid]:
+    raw: Raw, valid: Valid | None, own: Sequence[float | None], dtype: str, nodata: float | None
+) -> tuple[Raw, Valid]:
     """Convert file values to the type `dtype` and the `nodata` of an output.
 
     NaN and infinity become `nodata`, or 0, in integers. A valid value that equals `nodata` is moved to the next number.
@@ -188,7 +188,7 @@ class FlatField:
     corrects: bool = False  # True: v is the factor; False: v is the fall-off of light, by which values are divided
     row_gradient: float = 0.0  # a row is too bright by the factor 1 + row_gradient * row
 
-    def apply(self, raw: npt.NDArray[Any], window: Window, nodata: float | None) -> None:
+    def apply(self, raw: Raw, window: Window, nodata: float | None) -> None:
         """Correct file values `raw`, float (row, column), of a window in place, except values that equal `nodata`."""
         (top, bottom), (left, right) = window
         rows = np.arange(top, bottom, dtype=np.float64)[:, np.newaxis]

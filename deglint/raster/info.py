@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from affine import Affine
 
 from ..errors import InputError, ReadError
 from .convert import FlatField, same_nodata
@@ -71,7 +72,7 @@ class RasterInfo:
     predictor: str | None = None
     interleave: str | None = None
     crs: Any = None  # as rasterio gives it
-    transform: Any = None  # affine, from column and row to map coordinates; None where the file has none
+    transform: Affine | None = None  # from column and row to map coordinates; None where the file has none
     gcps: tuple[Any, ...] = ()  # ground control points
     gcps_crs: Any = None
     rpcs: Any = None  # rational polynomial coefficients

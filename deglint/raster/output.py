@@ -23,6 +23,7 @@ import numpy.typing as npt
 from .. import __version__
 from ..errors import InputError, WriteError
 from ..scene import Window
+from .convert import Raw
 from .info import RasterInfo, open_dataset, quiet
 from .targets import DISK_FULL, Scratch, write_errors
 
@@ -126,7 +127,7 @@ class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
             with contextlib.suppress(Exception):
                 self._dataset.close()
 
-    def write(self, block: npt.NDArray[Any], window: Window) -> None:
+    def write(self, block: Raw, window: Window) -> None:
         """Write all bands of a window; `block` is (band, row, column), or (row, column) for a single band."""
         block = block[None] if block.ndim == 2 else block
         with write_errors(self.target):
@@ -189,7 +190,7 @@ def _check_whole(path: Path, target: Path, *, sparse: bool) -> None:
 class Layer:
     """Content of a GeoTIFF that is written as a whole: an array (band, row, column) and its metadata."""
 
-    array: npt.NDArray[Any]
+    array: Raw
     meaning: str  # meaning of the values, for the tag MEANING
     names: tuple[str, ...]  # one entry per band; the tuples below have one per band too, or are empty
     units: tuple[str, ...] = ()
@@ -216,7 +217,7 @@ class Layer:
                 out.update_tags(i, **tags)
 
 
-def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
+def add_overviews(path: Path, options: Mapping[str, object], *, average: bool) -> None:
     """Add overviews to a closed GeoTIFF, and store its blocks in the order of a COG.
 
     GDAL appends overviews to the file. A COG needs all headers first, then the blocks of the smallest overview, and the
@@ -279,12 +280,12 @@ def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
         scratch.add(target).write_bytes(data)
 
 
-def write_json(scratch: Scratch, target: Path, data: Any) -> None:
+def write_json(scratch: Scratch, target: Path, data: object) -> None:
     """Write data as JSON, in the same way as `write_text`; NaN and infinity become null."""
     write_text(scratch, target, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Any:
     """Convert a value (also a dict, list or array) to JSON types; NaN and infinity become None, other objects text."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
@@ -297,10 +298,10 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, (int, str, type(None))) else str(value)
 
 
-def _profile(layout: Layout) -> dict[str, Any]:
+def _profile(layout: Layout) -> dict[str, object]:
     info = layout.info
     rows, columns = layout.block
-    profile: dict[str, Any] = {"driver": "GTiff", "height": info.height, "width": info.width, "crs": info.crs}
+    profile: dict[str, object] = {"driver": "GTiff", "height": info.height, "width": info.width, "crs": info.crs}
     profile |= {"count": len(layout.bands), "dtype": layout.dtype, "nodata": layout.nodata}
     profile |= {"tiled": True, "blockxsize": columns, "blockysize": rows, "BIGTIFF": "IF_SAFER"}
     profile["interleave"] = info.interleave if info.interleave in ("pixel", "band") else "band"
@@ -353,7 +354,7 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
         dataset.update_tags(band, **({"ns": namespace} if namespace else {}), **kept)
 
 
-def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
+def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, object]) -> None:
     """Raise WriteError if the disk lacks space for the pixels. Compressed files without overviews are not checked."""
     packed = str(profile.get("compress", "none")).lower() != "none"
     if packed and not layout.overviews:

@@ -33,7 +33,7 @@ class FileBands:
     masked: bool = False  # the file has a mask, for all bands together or for each band
     alpha: int | None = None  # 1-based alpha band; a pixel where it is 0 is not valid
     flat: FlatField | None = None  # corrects the file values while they are read
-    warp: Mapping[str, Any] | None = field(default=None, repr=False)  # WarpedVRT's options, to resample the file
+    warp: Mapping[str, object] | None = field(default=None, repr=False)  # WarpedVRT's options, to resample the file
 
     @classmethod
     def of(cls, info: RasterInfo) -> Self:
@@ -68,7 +68,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
         self._lock = threading.Lock()
         self._idle: list[list[Any]] = []
         self._closed = False
-        self.undeclared: Any = None  # what `deglint.readers.undeclared` found in the pixels; None before it searched
+        self.undeclared: object = None  # what `deglint.readers.undeclared` found in the pixels; None before it searched
 
     def declared(self, info: RasterInfo) -> Self:
         """Copy of this source that has the description `info`, with the nodata and offsets to use."""
@@ -79,7 +79,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
         found.info = info
         return found
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Pickle local files by absolute path, as the copy may be used in another folder; other GDAL names are kept."""
         paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
         return RasterSource, ([replace(f, path=p) for f, p in zip(self.files, paths, strict=True)], self.info)
@@ -188,7 +188,7 @@ class ArraySource(RasterSource):
         super().__init__([FileBands(info.paths[0], tuple(range(1, info.count + 1)), info.nodatas)], info)
         self.values, self.origin = values, origin
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return ArraySource, (self.values, self.info, self.origin)
 
     def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
