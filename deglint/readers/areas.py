@@ -52,7 +52,7 @@ def _in_window(bounds: Window, window: Window) -> Mask:
     return np.asarray((low <= rows) & (rows < high) & (first <= columns) & (columns < end))
 
 
-def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Window, window: Window) -> Mask:
+def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Affine, bounds: Window, window: Window) -> Mask:
     """Mask (row, column) of `window`, True at pixels whose centres lie in one of the polygons `shapes`.
 
     `shapes` are GeoJSON polygons in the CRS of the scene, and `transform` is the affine transform of the scene.
@@ -166,13 +166,13 @@ def collection(features: Sequence[Mapping[str, object]], scene: Scene) -> dict[s
     return document
 
 
-def _moved(transform: Any, column: int, row: int) -> Any:
+def _moved(transform: Affine, column: int, row: int) -> Affine:
     """The affine transform of a window whose first pixel is at `column` and `row` of a raster with `transform`."""
     x, y = at(transform, column, row)
     return Affine(transform.a, transform.b, x, transform.d, transform.e, y)
 
 
-def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
+def geometries(document: object) -> Iterator[tuple[object, Any]]:
     """Yield type and coordinates of every geometry in a GeoJSON document, also inside features and collections."""
     waiting = [document]
     while waiting:
@@ -185,7 +185,7 @@ def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
             waiting += [node.get(member) for member in ("geometries", "features", "geometry")]
 
 
-def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
+def _polygons(document: object, name: str) -> Iterator[dict[str, Any]]:
     """Yield the polygons (closed rings) of a GeoJSON document (file `name`). Raises InputError if one is not valid."""
     for kind, coordinates in geometries(document):
         several = kind == "MultiPolygon" and isinstance(coordinates, list)
@@ -254,7 +254,7 @@ def middle_of(path: str) -> tuple[float, float]:
     return float(latitude), float(longitude)
 
 
-def _points(node: Any) -> Iterator[tuple[float, float]]:
+def _points(node: object) -> Iterator[tuple[float, float]]:
     """Yield the points (x, y) in the coordinates of a geometry, which are lists nested to any depth."""
     if isinstance(node, list) and len(node) > 1 and all(isinstance(n, (int, float)) for n in node[:2]):
         yield float(node[0]), float(node[1])

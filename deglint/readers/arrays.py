@@ -23,6 +23,7 @@ from .spectral import nominal_wavelength
 
 _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
+Lists = dict[Any, list[Any]]  # by name of an attribute, one entry per band
 BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
 _SCALE_NAMES, _OFFSET_NAMES = ("scale_factor", "scales"), ("add_offset", "offsets")
@@ -83,8 +84,8 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     info = with_nodata(_info(array, values, band, rows, columns), nodata, notes)
     bands, preset, told = bands_of(info, [""] * info.count, sensor)
     source, notes = ArraySource(values, info), [*notes, *told]
-    place: dict[str, Any] = {"path": info.paths[0], "crs": info.crs, "transform": info.transform}
-    scene = Scene(tuple(bands), info.height, info.width, source, sensor=preset, notes=tuple(notes), **place)
+    place = info.paths[0], info.crs, info.transform
+    scene = Scene(tuple(bands), info.height, info.width, source, *place, sensor=preset, notes=tuple(notes))
     return ArrayScene(scene, values, array, ordered)
 
 
@@ -132,7 +133,7 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     )
 
 
-def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
+def _lists(array: Any, band: Any, count: int) -> Lists:
     """Attributes that are lists with one entry per band, reduced to the entries of the `count` bands in the array.
 
     `band` is the name of the dimension of bands, or None. When bands are selected in xarray, such lists still have the
@@ -148,9 +149,7 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
     return {k: [_plain(v[n - 1]) for n in numbers] for k, v in fits.items()}
 
 
-def _bands(
-    array: Any, band: Any, count: int, lists: Mapping[Any, list[Any]]
-) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
+def _bands(array: Any, band: Any, count: int, lists: Lists) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
     """Name (or None) and tags of each band, from coordinates along the dimension `band` and `lists` (see `_lists`)."""
     along = {
         str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
@@ -171,24 +170,24 @@ def _bands(
     return tuple(worded[0] if worded else [None] * count), tags
 
 
-def _per_band(places: Sequence[Mapping[Any, Any]], names: Sequence[str], default: Any, count: int) -> tuple[Any, ...]:
+def _per_band(places: list[dict[Any, Any]], names: Sequence[str], default: float | None, count: int) -> tuple[Any, ...]:
     stated = (_floats(place.get(name)) for place in places for name in names)
     found = next((numbers for numbers in stated if len(numbers) in (1, count)), [default])
     return tuple(found) * (count // len(found))
 
 
-def _floats(value: Any) -> list[float]:
+def _floats(value: object) -> list[float]:
     try:
         return [float(v) for v in np.asarray(value, np.float64).reshape(-1)] if value is not None else []
     except (TypeError, ValueError, OverflowError):
         return []
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Convert the value of an attribute to text for a tag; a list of 1 and 2 becomes "{1, 2}"."""
     value = _plain(value)
     return "{" + ", ".join(str(_plain(v)) for v in value) + "}" if isinstance(value, (list, tuple)) else str(value)
@@ -206,7 +205,7 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
         return None
 
 
-def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
+def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Affine | None:
     """Affine transform of an array, from its coordinates along the dimensions called `rows` and `columns`.
 
     If `grid` (the attributes of the grid mapping) or the array declares a transform that agrees with the coordinates,

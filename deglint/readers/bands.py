@@ -301,7 +301,7 @@ def optics_of(scene: Scene) -> dict[str, float] | None:
     return {"f_number": f_number, "pitch": 1e-6 * pitch} | ({} if smear is None else {"smear": smear})
 
 
-def _band(where: str, band: Any) -> dict[str, Any]:
+def _band(where: str, band: object) -> dict[str, Any]:
     if not isinstance(band, Mapping):
         raise InputError(f'{where}: want a table such as {{ name = "NIR", wavelength = 842 }}, got {described(band)}.')
     _check(where, band, _BAND, ("name", "wavelength"))

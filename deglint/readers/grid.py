@@ -8,18 +8,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from itertools import chain, groupby
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from affine import Affine
 
 from ..errors import InputError
+from ..moments import Float64
 from ..raster import FileBands, RasterInfo, RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line
 from ..scene import Scene
 from .bands import nominal_pixel
 from .text import positive
 
+Number = TypeVar("Number", float, Float64)
 _SAME_CORNER = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
 _NEGLIGIBLE_DISTORTION = 0.01  # relative; below it, a projection's lengths are used as they are (UTM: up to 0.001)
@@ -81,7 +83,7 @@ def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int
     return fits[0]
 
 
-def _transform(info: RasterInfo | Scene) -> Any:
+def _transform(info: RasterInfo | Scene) -> Affine:
     """The affine transform of a file; if it has none, the transform that maps the whole raster to the unit square."""
     if info.transform is not None:
         return info.transform
@@ -142,7 +144,7 @@ def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
     return [(column, row) for column in (0, info.width) for row in (0, info.height)]
 
 
-def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
+def at(transform: Affine, x: Number, y: Number) -> tuple[Number, Number]:
     """Apply an affine transform to x and y (numbers or arrays); return the transformed x and y."""
     t = transform  # its operator * is not used, as it differs between versions of affine
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
@@ -186,7 +188,7 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> lis
             f"gdal_edit.py -colorinterp_{info.count} undefined {info.paths[0]}"
         )
     anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
-    warp: dict[str, Any] = {
+    warp: dict[str, object] = {
         "src_crs": info.crs or reference.crs or anywhere,
         "src_transform": _transform(info) if info.transform is None else None,
         "crs": reference.crs or info.crs or anywhere,
@@ -208,7 +210,7 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> lis
     return [replace(whole, indexes=indexes).declared(alike) for indexes, alike in each]
 
 
-def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
+def ground_size(transform: Affine | None, crs: Any, height: int, width: int) -> tuple[float, float] | None:
     """Sides on the ground [m], along a row and a column, of the central pixel of a raster of `height` x `width` pixels.
 
     They are distances on the ellipsoid: coordinates may be in degrees, and the metres of web Mercator are too long by
@@ -246,10 +248,10 @@ def pixel_size(scene: Scene) -> float | None:
     return None if sides is None else math.sqrt(sides[0] * sides[1])
 
 
-def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
+def ground_area(transform: Affine | None, crs: Any, height: int, width: int) -> float | None:
     """Area [m2] of the central pixel of a raster on the ground, also if pixels are not rectangles; None if unknown."""
     sides = ground_size(transform, crs, height, width)
-    if sides is None:
+    if sides is None or transform is None:
         return None
     lengths = math.hypot(transform.a, transform.d) * math.hypot(transform.b, transform.e)
     return sides[0] * sides[1] * abs(transform.determinant) / lengths

@@ -141,7 +141,7 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     said = {k: _said(a, k) for k, a in usable.items()}
     # of several pixel sizes the smallest is used; of two formats TIFF, as it is read in parts
     rank = {k: (f[0][0]["gsd"], "tiff" not in str(usable[k].get("type"))) for k, f in said.items() if len(f) == 1}
-    singles: dict[Any, list[str]] = {}
+    singles: dict[object, list[str]] = {}
     for key in sorted(rank, key=rank.__getitem__):
         ((stated, band),) = said[key]
         common = str(stated.get("common_name") or "")
@@ -192,7 +192,7 @@ def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> lis
     return found
 
 
-def href(asset: Any, path: str) -> str:
+def href(asset: object, path: str) -> str:
     """GDAL name of the file of an asset; a relative link is resolved from `path`, the Item's file or URL."""
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:

@@ -8,15 +8,14 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import sensors
 from .. import tiles as tiling
 from ..moments import Mask
 from ..morphology import grown, opened
+from ..raster.convert import Raw
 from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
@@ -47,8 +46,8 @@ ORDER = ("blue", "green", "red", "nir")
 (percentile `DARK`), as over water, or if its range (`DARK` to `UPPER`) is `WIDER` times the others, as over plants."""
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
-Alike = tuple[Tile, npt.NDArray[Any], Mask]  # a tile, its file values, and where all bands have the same value
-Block = tuple[Tile, npt.NDArray[Any], Mask | None]
+Alike = tuple[Tile, Raw, Mask]  # a tile, its file values, and where all bands have the same value
+Block = tuple[Tile, Raw, Mask | None]
 """A tile, its file values (band, row, column), and the mask of valid values, or None if all are valid."""
 
 
@@ -236,7 +235,7 @@ def _percentiles(blocks: list[Block], nodatas: Sequence[float | None], percent: 
     return out
 
 
-def _kept(raw: Any, valid: Any, band: int, nodata: float | None) -> Mask:
+def _kept(raw: Raw, valid: Mask | None, band: int, nodata: float | None) -> Mask:
     kept: Mask = (raw != 0).any(axis=0) & np.isfinite(raw[band])
     if valid is not None:
         kept &= valid[band]

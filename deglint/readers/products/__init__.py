@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
+from types import ModuleType
 
 from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo, RasterSource
@@ -17,7 +17,7 @@ from ..grid import footprints_on
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
 from .metadata import ARCHIVE, Container, MetadataError, Product, described, open_archive, open_folder
 
-PRODUCTS: dict[str, Any] = {
+PRODUCTS: dict[str, ModuleType] = {
     "Sentinel-2 L1C and L2A": sentinel2,
     "Landsat 8 and 9 Collection 2": landsat,
     "PlanetScope": planetscope,
@@ -136,7 +136,7 @@ def _first(container: Container) -> Product | None:
     return next((p for family in PRODUCTS.values() if (p := _of(family, container)) is not None), None)
 
 
-def _of(family: Any, container: Container) -> Product | None:
+def _of(family: ModuleType, container: Container) -> Product | None:
     """The product of a family (a module of `PRODUCTS`) in a container, with names of the metadata files that were read.
 
     Damaged metadata raise MetadataError; if the user named an image, the result is None, and it is opened as a raster.
@@ -151,7 +151,7 @@ def _of(family: Any, container: Container) -> Product | None:
     return None if found is None else replace(found, texts=read)
 
 
-def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
+def _root_of(family: ModuleType, place: Path, folder: Container | None) -> Path | None:
     """Nearest folder above `place` with metadata of `family`, or None; `folder` lists the files of a folder `place`."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:

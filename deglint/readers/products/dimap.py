@@ -66,7 +66,7 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     return Product(kind, name, tuple(bands), "pleiades" if mission == "PHR" else None, tags, tuple(notes))
 
 
-def _angles(root: ET.Element) -> dict[str, Any]:
+def _angles(root: ET.Element) -> dict[str, object]:
     """Tags with the directions of sun and satellite [degree], seen from the ground at the centre of the image.
 
     In the metadata, AZIMUTH_ANGLE is the orientation of the image; VIEWING_ANGLE is measured at the satellite. The
@@ -86,7 +86,7 @@ def _angles(root: ET.Element) -> dict[str, Any]:
         azimuth = None
     sun = {"sun_elevation": said(place, ".//SUN_ELEVATION"), "sun_azimuth": said(place, ".//SUN_AZIMUTH")}
     incidence, off_nadir = (said_number(place, f".//{name}") for name in ("INCIDENCE_ANGLE", "VIEWING_ANGLE"))
-    return sun | view_tags(incidence, azimuth, off_nadir, _PLEIADES_ORBIT)
+    return {**sun, **view_tags(incidence, azimuth, off_nadir, _PLEIADES_ORBIT)}
 
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:

@@ -218,7 +218,7 @@ def _black_level(path: str) -> float | None:
 
     archive = re.fullmatch(r"/vsi(?:zip|tar)/(.+?\.(?:zip|tar))/(.+)", path, re.IGNORECASE)
     try:
-        file: Any = path
+        file: str | BytesIO = path
         if archive:
             box = open_archive(archive[1])
             file = BytesIO(box.read(box.beside("", archive[2]) or archive[2]))

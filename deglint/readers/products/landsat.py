@@ -6,7 +6,6 @@ of Level 2 also has the factors of Level 1, under the same names, so factors are
 
 import math
 from dataclasses import replace
-from typing import Any
 from xml.etree import ElementTree as ET
 
 from ..text import positive
@@ -50,7 +49,7 @@ def find(container: Container) -> Product | None:
             f"reflectance is not divided by the sine of the sun's elevation ({elevation:g} degrees, a factor of "
             f"{1 / math.sin(math.radians(elevation)):.3f} for the whole scene)"
         )
-    angles: dict[str, Any] = {"sun_elevation": elevation, "sun_azimuth": said(facts, "SUN_AZIMUTH")}
+    angles: dict[str, object] = {"sun_elevation": elevation, "sun_azimuth": said(facts, "SUN_AZIMUTH")}
     angles |= view_tags(None, None, said_number(facts, "ROLL_ANGLE"), LANDSAT_ORBIT)
     when = "T".join(filter(None, (said(facts, "DATE_ACQUIRED"), said(facts, "SCENE_CENTER_TIME"))))
     tags = tags_of({"satellite": said(facts, "SPACECRAFT_ID"), "acquired": when} | angles)

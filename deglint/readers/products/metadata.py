@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import TypeVar
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -155,7 +155,7 @@ def xml_of(data: bytes, name: str) -> ET.Element:
     return root
 
 
-def _element(tag: str, value: Any) -> ET.Element:
+def _element(tag: str, value: object) -> ET.Element:
     """Make an element `tag` with `value` as text, or with one child per entry of a JSON object; lists are left out."""
     node = ET.Element(tag)
     if isinstance(value, Mapping):
@@ -199,7 +199,7 @@ def said_number(node: ET.Element | None, *paths: str) -> float | None:
     return number(said(node, *paths))
 
 
-def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:
+def tags_of(facts: Mapping[str, object]) -> dict[str, str]:
     """Convert values to texts of at most 200 characters for tags; None and "" are left out."""
     return {k: str(v).strip()[:200] for k, v in facts.items() if v not in (None, "")}
 

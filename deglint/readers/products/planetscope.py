@@ -7,7 +7,6 @@ is surface reflectance; its scale is always 1/10000, and the factors in the XML 
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 from xml.etree import ElementTree as ET
 
 from ... import sensors
@@ -49,7 +48,7 @@ def find(container: Container) -> Product | None:
         remedy = "they are taken as they stand. Put it beside the image, or give --scale"
         notes.append(f"no *_metadata.xml says how the numbers become reflectance: {remedy}")
     view_angle = said(root, ".//spaceCraftViewAngle", ".//view_angle")
-    facts: dict[str, Any] = {
+    facts: dict[str, object] = {
         "instrument": instrument,
         "acquired": said(root, ".//acquisitionDateTime", ".//acquired"),
         "view_angle": view_angle,
