@@ -25,7 +25,8 @@ from .sharpen import Sharpen, SharpenImage
 from .state import Sample, Setting, State, in_scene_units
 from .targets import Targets
 
-Stage = Any  # a fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`
+# a fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`
+Stage = Background | IdentifyMedian | Median | Normalise | Posterior | ReplaceBands | ReplaceLevel | Sharpen | Targets
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Kind:
     """Definition of a stage, entry of `STAGES`: its fit function, its class, and the range of its number."""
 
     fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # fits it, given its number; None for `remove`
-    stage: type | None = None  # class of the fitted stage
+    stage: type[Stage] | None = None  # class of the fitted stage
     low: float = 0.0  # least number that may be written after the name
     high: float = 0.0  # largest number; 0 for a stage without a number
     whole: bool = False  # the number must be an integer
@@ -100,7 +101,7 @@ class Chain:
         """Margin around a block that the stages need [pixel]; the removal needs `GlintModel.halo` in addition."""
         return sum(stage.halo for stage in (*self.before, *self.after))
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """The fitted chain as a dictionary of plain values for JSON; `chain_from` reads it."""
         return {"chain": self.text, "before": [*map(plain, self.before)], "after": [*map(plain, self.after)]}
 
@@ -188,7 +189,7 @@ def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple
     return tuple(stages), Sample(tuple(map(in_scene_units, states)), sample.inside)
 
 
-def plain(stage: Stage) -> dict[str, Any]:
+def plain(stage: Stage) -> dict[str, object]:
     """A fitted stage as plain values (JSON); each PSF is given as its kernel."""
     values = asdict(stage)
     if "psfs" in values:
@@ -219,7 +220,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
         raise InputError(f"not a saved compensation ({why}); fit and save it again.") from error
 
 
-def _with_infinity(value: Any) -> Any:
+def _with_infinity(value: object) -> Any:
     """A copy of a value in which None as an item of a list becomes infinity, also nested."""
     if isinstance(value, dict):
         return {k: _with_infinity(v) for k, v in value.items()}

@@ -8,7 +8,7 @@ Silverman (1986), "Density estimation for statistics and data analysis", Chapman
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -175,7 +175,7 @@ class LevelSample:
     local: FloatArray  # (band, pixel): local mean of prediction - value / slope [unit of the NIR]
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
-    def some(self, which: Any) -> Self:
+    def some(self, which: Mask | slice) -> Self:
         """The sample reduced to the pixels that `which`, a mask (pixel,) or a slice, selects."""
         return type(self)(*(values[..., which] for values in vars(self).values()))
 
