@@ -19,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, fields, replace
 from logging.handlers import QueueHandler
 from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -139,7 +140,7 @@ class Job:
 def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
     """One job for each scene; raise InputError if scenes have the same output or an output would replace an input."""
     jobs = []
-    made: Any = {"dtype": config.dtype, "options": config.options, "request": config.request()}
+    made: dict[str, Any] = {"dtype": config.dtype, "options": config.options, "request": config.request()}
     for scene in scenes:
         image = config.directory / config.name.replace("{name}", scene.name)
         extras: Any = {name: image.with_name(f"{image.stem}_{name}.{BESIDE[name]}") for name in config.extras}
@@ -289,7 +290,7 @@ class _Worker:
         return job.ended(FAILED, f"its process ended with exit code {code}{why}", seconds=seconds)
 
 
-def _serve(line: Any, config: BatchConfig, threads: int, talks: bool) -> None:
+def _serve(line: Connection, config: BatchConfig, threads: int, talks: bool) -> None:
     """Main loop of a worker process: run jobs until the batch process stops the worker, or has ended.
     `line` is a pipe from which jobs are read, and to which outcomes and log records are sent. If `talks` is False, the
     only log records that are sent are those on the remaining time.

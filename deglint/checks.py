@@ -49,7 +49,7 @@ def checked_keywords(*more: str) -> Callable[[Callable[Args, T]], Callable[Args,
     return decorate
 
 
-def described(value: Any) -> str:
+def described(value: object) -> str:
     """Describe a value by a short text for an error message; an array is described by its shape.
 
     >>> described("a.tif"), described(7), described([1] * 99)
@@ -64,7 +64,7 @@ def described(value: Any) -> str:
     return f"a {type(value).__name__}"
 
 
-def as_path(value: Any, name: str) -> str:
+def as_path(value: object, name: str) -> str:
     """Return a path or GDAL name as text; raise InputError if `value`, of the argument `name`, is neither, or empty."""
     if isinstance(value, str) and value:
         return value
@@ -74,20 +74,20 @@ def as_path(value: Any, name: str) -> str:
     raise InputError(f"{name}: want a file name, got {described(value)}.{hint}")
 
 
-def check_kind(value: Any, kind: type, name: str, remedy: str) -> None:
+def check_kind(value: object, kind: type, name: str, remedy: str) -> None:
     """Raise InputError if `value`, of the argument `name`, is not of the type `kind`; `remedy` ends the message."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: want a {'text' if kind is str else kind.__name__}, got {described(value)}. {remedy}")
 
 
-def check_choice(value: Any, known: list[str], name: str) -> None:
+def check_choice(value: object, known: list[str], name: str) -> None:
     """Raise InputError, which lists the words in `known`, if `value`, of the argument `name`, is not one of them."""
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known) if isinstance(value, str) else ""
         raise InputError(f"{name} {described(value)} is not one of {', '.join(known)}{hint or '.'}")
 
 
-def check_number(value: Any, low: float, high: float, name: str) -> None:
+def check_number(value: object, low: float, high: float, name: str) -> None:
     """Raise InputError if `value`, of the argument `name`, is not a number from `low` to `high`."""
     try:
         inside = isinstance(value, Real) and not isinstance(value, bool) and low <= float(value) <= high
@@ -99,7 +99,7 @@ def check_number(value: Any, low: float, high: float, name: str) -> None:
         raise InputError(f"{name}: want a number from {low:g} to {high:g}, got {described(value)}.")
 
 
-def from_plain(kind: Any, value: Any) -> Any:
+def from_plain(kind: Any, value: object) -> Any:
     """Convert a plain value to the type `kind`: dicts to dataclasses, lists to tuples; unknown keys are ignored.
 
     Raises TypeError or ValueError if the value cannot be converted, or if a required field is missing.

@@ -17,10 +17,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from . import tiles as tiling
 from .checks import check_kind, checked_keywords
@@ -31,7 +31,9 @@ from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
 from .pipeline.overview import raster_of
+from .raster.convert import Raw
 from .raster.environment import enter_thread
+from .raster.info import RasterInfo
 from .raster.source import ArraySource
 from .readers.arrays import BANDS, PER_BAND, ArrayScene, axes, open_array
 from .readers.undeclared import settled
@@ -42,7 +44,7 @@ from .tiles import Tile, default_threads
 __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 
 log = logging.getLogger(__name__)
-Work = Callable[[Scene, Tile], npt.NDArray[Any]]  # function that makes a (band, row, column) array of a scene's tile
+Work = Callable[[Scene, Tile], Raw]  # function that makes a (band, row, column) array of a scene's tile
 
 
 @checked_keywords()
@@ -155,7 +157,7 @@ def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | Non
     return replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
 
 
-def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> Raw:
     return replace(work, scene=scene)(tile).raw
 
 
@@ -198,7 +200,7 @@ def remove(
     >>> round(float(scene.sel(band="red").std())), round(float(clean.sel(band="red").std()))
     (70, 0)
     """
-    given: Any = {"threads": threads, "sensor": sensor, "nodata": nodata}
+    given: dict[str, Any] = {"threads": threads, "sensor": sensor, "nodata": nodata}
     work = partial(remove, recipe=recipe, dtype=dtype, **given)
     if isinstance(array, need_xarray().Dataset):
         return _by_variables(array, work)
@@ -229,7 +231,7 @@ def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
     return dataset.assign({n: dataset[n].copy(data=clean.sel(band=n).data) for n in clean.band.values.tolist()})
 
 
-def _with_bands(dataset: Any) -> list[Any]:
+def _with_bands(dataset: Any) -> list[str]:
     """Names of the variables that are images with a band dimension."""
     every = dataset.data_vars.items()
     return [n for n, v in every if v.ndim >= 3 and {str(d).lower() for d in v.dims} & set(BANDS)]
@@ -266,7 +268,7 @@ def stack(dataset: Any) -> Any:
     return out
 
 
-def need_xarray() -> Any:
+def need_xarray() -> ModuleType:
     """Return the xarray module; if it is missing, raise DeglintError with the command that installs it."""
     try:
         return import_module("xarray")
@@ -316,9 +318,7 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
     return map_blocks(task, padded, dtype=like[1], chunks=chunks, meta=meta)
 
 
-def _of_chunk(
-    scene: Scene, info: Any, work: Work, reach: int, block: npt.NDArray[Any], block_info: Any = None
-) -> npt.NDArray[Any]:
+def _of_chunk(scene: Scene, info: RasterInfo, work: Work, reach: int, block: Raw, block_info: Any = None) -> Raw:
     """Call `work` on a chunk; `block` is the chunk and `reach` pixels around; dask's `block_info` has its position."""
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)

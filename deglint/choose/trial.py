@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
@@ -111,7 +110,7 @@ class Choice:
         out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
         return out + [f"  {name}: not tried, {why}" for name, why in (self.failed or {}).items()]
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """The choice as plain values for the sidecar."""
         return {
             "best": self.best.name,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class SampleRule:
         """Width of the margin that `deep_water` needs around a tile [pixel]."""
         return self.water.halo + max(self.distance, SIZE // 2) + CLEANING - 1
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """Values for the JSON sidecar of an output: the halo, and every field except `water`."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 

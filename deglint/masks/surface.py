@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -87,7 +86,7 @@ class WaterRule:
             f"clouds or surf (NIR above {self.threshold:.6g}{wide}){hint}"
         )
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """All fields, and the properties `halo`, `all_water` and `reason`, for the JSON sidecar of an output."""
         return {**asdict(self), "halo": self.halo, "all_water": self.all_water, "reason": self.reason}
 
