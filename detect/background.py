@@ -7,7 +7,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +64,7 @@ class Background:
         """Rank of the covariance: number of linearly independent bands that vary."""
         return len(estimates.whitener(self.covariance))
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """Version of the format ("background"), all fields and the rank, as numbers, strings and lists for JSON."""
         shown = ("names", "rule", "shrinkage", "n", "rank", "mean", "rest", "covariance")
         return {"background": 1} | {name: np.asarray(getattr(self, name)).tolist() for name in shown}

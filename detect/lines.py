@@ -6,7 +6,6 @@ line has high scores, the background has changed, and the whole line is added.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -96,7 +95,7 @@ class LineScorer:
         return out
 
 
-def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
+def score_lines(lines: Iterable[npt.ArrayLike], memory: int = LINES) -> Iterator[Float32]:
     """Yield the scores, (column,), of successive lines; see `LineScorer.score`.
 
     Parameters

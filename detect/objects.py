@@ -62,7 +62,7 @@ class Object:
     scores: Float64 = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
-    def measures(self) -> dict[str, Any]:
+    def measures(self) -> dict[str, object]:
         """Size and position, by their names in the files of objects."""
         row, column = self.centroid
         return {"pixels": self.size, "area_m2": self.area, "row": row, "column": column}

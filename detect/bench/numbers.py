@@ -78,12 +78,12 @@ def timed(values: Sequence[float], unit: str = "s") -> Number:
     return Number(median(values), min(values), max(values), unit, exact=False)
 
 
-def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
+def as_json(numbers: Mapping[str, Number], made: Mapping[str, object], refused: Mapping[str, str]) -> dict[str, object]:
     """Numbers, provenance (`made`) and failed removals (`refused`) of a run, as values for JSON."""
     return {"made": made, "numbers": {name: asdict(number) for name, number in numbers.items()}, "refused": refused}
 
 
-def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, Any]:
+def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, object]:
     """Versions, machine and options of a run, which took `seconds` [s]; `load` is the load average at its start."""
     now = machine()
     busy = f"load {load:g} on {now['cores']} cores" if load is not None and load > 0.5 * now["cores"] else ""

@@ -20,7 +20,7 @@ _FIGURE_SIZE = (9.0, 4.2)  # width and height of a figure [inch]
 _ERROR = "RMS error [% of the water level]"
 
 
-def page(results: Results, made: Mapping[str, Any]) -> str:
+def page(results: Results, made: Mapping[str, object]) -> str:
     """The complete report (HTML) of the results; `made` comes from `detect.bench.numbers.provenance`."""
     drawn = {"Run time against error": time_against_error, "ROC curves of submerged objects": roc_curves}
     if len(results.effort.winds) > 1:

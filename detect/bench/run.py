@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from deglint import Recipe, correct, fit_scene
+from deglint import Fitted, Recipe, correct, fit_scene
 from deglint.errors import DeglintError
 from deglint.physics.presets import preset
 from deglint.remove import METHODS
@@ -143,7 +143,7 @@ def cleaned(scene: TrueScene, results: Results) -> dict[str, Float64]:
     return out
 
 
-def _fitted(scene: TrueScene, name: str) -> Any:
+def _fitted(scene: TrueScene, name: str) -> Fitted:
     sample = f"0,0,{scene.deep.stop},{scene.made.setup.size[0]}"
     options: dict[str, Any] = {"sample": sample, "mask": "none", **removals()[name]}
     return fit_scene(scene.scene, Recipe(**options), threads=1)

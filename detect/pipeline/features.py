@@ -82,7 +82,7 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
     return [i for i, _ in known], [t for _, t in known]
 
 
-def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
+def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, float | None]]:
     """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
     Both are those of the nearest moving boat; None if none is within the object's size plus the way of the fastest boat
@@ -92,7 +92,7 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
     move = to_wgs84(scene)
     if area is None or move is None:
         raise InputError(f"--moving needs the size of a pixel, and {scene.path} has no CRS on the Earth. Leave it out.")
-    pixel, out = math.sqrt(area), list[dict[str, Any]]()
+    pixel, out = math.sqrt(area), list[dict[str, float | None]]()
     reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
     for o in found:
         near = Tile(*o.bounds[0], *o.bounds[1]).grown(_SEARCH_MARGIN + reach, scene.height, scene.width)
@@ -111,13 +111,13 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
     return out
 
 
-def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
+def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, object]:
     """Properties of an object: score, rates, kind; with `move` (see `to_wgs84`) also position, size [m] and bearing.
     `kind`, `rate` [1/km2] and `real` are as in `detect.sea.search.Rated`. The score is -log10(rate), or `score_max` if
     the rate is not known. The bearing is that of the longer side; None if the object is nearly round.
     """
     known = math.isfinite(rate)
-    numbers: dict[str, Any] = {
+    numbers: dict[str, object] = {
         "score": -math.log10(max(rate, 1e-300)) if known else found.score_max,
         "false_per_km2": rate if known else None,
         "probability": real if math.isfinite(real) else None,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deglint.errors import InputError
-from deglint.pipeline.overview import raster_of
+from deglint.pipeline.overview import Progress, raster_of
 from deglint.readers import open_scene
 from deglint.readers.areas import open_area, polygons
 from deglint.readers.grid import at, ground_area, same_grid
@@ -84,7 +84,7 @@ class Evaluation:
     numbers: dict[str, Any]
 
 
-def evaluate(request: Request, progress: Any = None) -> Evaluation:
+def evaluate(request: Request, progress: Progress | None = None) -> Evaluation:
     """Read score rasters and truth, evaluate each detector, and compare the detectors.
 
     Parameters
@@ -229,7 +229,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     most = request.pfa_max
     found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=most) if request.per_object else None
     sign, square_km = request.sign, np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
-    points: list[dict[str, Any]] = []
+    points: list[dict[str, object]] = []
     for point in map(roc.point, rates):
         rate = point.pfa_requested
         low, high = (bands and float(np.interp(rate, bands.pfa, getattr(bands, end))) for end in ("low", "high"))
@@ -241,7 +241,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
             points[-1] |= {"false_alarms": alarms, "false_alarms_per_km2": alarms / square_km}
     worst_at = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
     worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
-    said: list[dict[str, Any]] = []
+    said: list[dict[str, object]] = []
     for o in worst:
         row, column = o.centroid
         said.append({"score_max": sign * o.score_max, "pixels": o.size, "row": row, "column": column})
@@ -253,7 +253,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     return Judged(name, scores, roc, numbers, bands, found, tuple(worst), worst_at)
 
 
-def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
+def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, object]:
     """Summary numbers of a ROC curve, and up to 400 points as arrays; `bands` has its bootstrap intervals, if any."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
@@ -274,7 +274,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
     }
 
 
-def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
+def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, object]:
     """An `ObjectCurve` as lists and arrays (steps,); `sign` is `Request.sign`, `square_km` is the valid area [km2]."""
     curve = {"threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found}
     curve |= {"false_alarms": found.false_alarms, "false_alarms_per_km2": found.false_alarms / square_km}
@@ -282,7 +282,7 @@ def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any
     return {"curve": curve, "unseen": list(found.unseen), "table": table}
 
 
-def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
+def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, object]:
     """Difference of the AUC of two detectors: DeLong's test, and a bootstrap interval from the same draws for both."""
     low = high = None
     if a.bands is not None and b.bands is not None:

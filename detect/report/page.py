@@ -24,6 +24,7 @@ from ..roc.per_object import ObjectScore
 from .evaluate import Evaluation, Judged, Request
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MOST_ROWS = 200  # maximum number of objects listed on the page
@@ -31,7 +32,7 @@ _LONGEST = 640  # longest side of a scene as it is shown [pixel]
 _CUTOUT_MARGIN = 12  # margin around a false alarm [pixel]
 
 
-def render(package: str, **values: Any) -> str:
+def render(package: str, **values: object) -> str:
     """Fill the HTML template `report.html.jinja` of a package with `values`, and with the style that pages share."""
     from jinja2 import Environment
 
@@ -40,14 +41,14 @@ def render(package: str, **values: Any) -> str:
     return Environment(autoescape=True).from_string(template).render(style=style, **values)
 
 
-def page(found: Evaluation, made: Mapping[str, Any]) -> str:
+def page(found: Evaluation, made: Mapping[str, object]) -> str:
     """The complete report (HTML) of an evaluation; `made` comes from `provenance`."""
     functions = {f.__name__: f for f in (counted, as_uri, roc_curves, precision_curves, object_curves, scene, chips)}
     objects = _objects(found)
     return render("detect.report", found=found, numbers=found.numbers, made=made, objects=objects, **functions)
 
 
-def provenance(request: Request, command: str, seconds: float, checksum: Checksum) -> dict[str, Any]:
+def provenance(request: Request, command: str, seconds: float, checksum: Checksum) -> dict[str, object]:
     """Versions, machine, command and inputs of a report. Raises ReadError if a file changed while it was read.
 
     `seconds` is the duration of the evaluation [s]; `checksum` was made before the files were read.
@@ -122,7 +123,7 @@ def as_uri(figure: Figure, form: str = "svg") -> str:
     return f"data:image/{form.replace('svg', 'svg+xml')};base64," + b64encode(file.getvalue()).decode()
 
 
-def new_figure(width: float, height: float, panels: int = 1) -> tuple[Figure, list[Any]]:
+def new_figure(width: float, height: float, panels: int = 1) -> tuple[Figure, list[Axes]]:
     """New matplotlib figure of `width` x `height` [inch], made without pyplot, and its `panels` axes, side by side."""
     from matplotlib.figure import Figure
 

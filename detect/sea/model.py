@@ -12,7 +12,7 @@ statistics are computed again.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -119,7 +119,7 @@ class SeaModel:
         """Width of the margin around a block that its scores depend on [pixel]."""
         return _ROUNDS * (SEA_WINDOW // 2 + self.scales[-1] // 2 + 2)
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, object]:
         """Numbers of the model, for the sidecar of an output: window, centre, spread, scales, side and q90."""
         return {"window": SEA_WINDOW} | {k: getattr(self, k) for k in ("centre", "spread", "scales", "side", "q90")}
 

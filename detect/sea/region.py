@@ -8,14 +8,13 @@ Protrusions with land at both ends (bridges, sandbars, turbid water) are ignored
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from deglint.errors import InputError
 from deglint.morphology import grown
 
-from ..arrays import Float64, Mask, Uint8
+from ..arrays import Array, Float64, Mask, Uint8
 
 Classes = Uint8
 NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
@@ -130,7 +129,7 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
     return float(max(a, b)), float(min(a, b)), float((along + 90) % 180)
 
 
-def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
+def _fitting(mask: Mask, length: float, width: float) -> tuple[Array, Array, list[tuple[int, float, float]]]:
     """Label the connected parts of a mask; list those up to `length` + 1 by `width` + 1 and `length` * `width` pixels.
 
     Returns labels, (row, column), statistics as OpenCV computes them, (label, 5), and a list of (label, length, width).
