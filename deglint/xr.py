@@ -13,12 +13,12 @@ the result of `deglint remove`, to the bit. Arrays may come from rioxarray, odc-
 
 import contextlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,15 +41,19 @@ from .remove import GlintModel
 from .scene import Scene
 from .tiles import Tile, default_threads
 
+if TYPE_CHECKING:
+    from xarray import DataArray, Dataset
+
 __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 
 log = logging.getLogger(__name__)
+Like = tuple[int, np.dtype[Any]]  # number of bands and data type of a result
 Work = Callable[[Scene, Tile], Raw]  # function that makes a (band, row, column) array of a scene's tile
 
 
 @checked_keywords()
 def fit(
-    array: Any,
+    array: "DataArray",
     recipe: Recipe | str = "auto",
     *,
     threads: int | None = None,
@@ -86,7 +90,7 @@ def fit(
 
 @checked_keywords("sensor", "nodata")
 def apply(
-    array: Any,
+    array: "DataArray",
     fitted: Fitted | GlintModel,
     *,
     mask: str | None = None,
@@ -94,7 +98,7 @@ def apply(
     dtype: str | None = None,
     threads: int | None = None,
     **reading: Any,
-) -> Any:
+) -> "DataArray":
     """Correct a DataArray with a fitted recipe or model; the result for a lazy array is lazy.
 
     Parameters
@@ -213,7 +217,7 @@ def remove(
     return apply(array, fit(array, recipe, **given), dtype=dtype, **given)
 
 
-def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
+def _entry(array: "DataArray", dimension: Hashable, work: "Callable[[DataArray], DataArray]") -> "DataArray":
     """Call `work` on an array of one entry of `dimension`; on NoWaterError or FitError, log it and return the array."""
     try:
         return work(array)
@@ -223,7 +227,7 @@ def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
         return array
 
 
-def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
+def _by_variables(dataset: "Dataset", work: "Callable[[DataArray], DataArray]") -> "Dataset":
     """The Dataset after `work` on each variable with a dimension band or, without any, on its variables as bands."""
     if deep := _with_bands(dataset):
         return dataset.assign({n: work(dataset[n]) for n in deep})
@@ -231,13 +235,13 @@ def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
     return dataset.assign({n: dataset[n].copy(data=clean.sel(band=n).data) for n in clean.band.values.tolist()})
 
 
-def _with_bands(dataset: Any) -> list[str]:
+def _with_bands(dataset: "Dataset") -> list[Hashable]:
     """Names of the variables that are images with a band dimension."""
     every = dataset.data_vars.items()
     return [n for n, v in every if v.ndim >= 3 and {str(d).lower() for d in v.dims} & set(BANDS)]
 
 
-def stack(dataset: Any) -> Any:
+def stack(dataset: "Dataset") -> "DataArray":
     """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
     Nodata, scales and offsets that differ become lists with one entry per band. If the wavelengths of at least two
@@ -284,9 +288,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 @tiling.one_thread_each()
-def over_tiles(
-    opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int, threads: int | None
-) -> Any:
+def over_tiles(opened: ArrayScene, work: Work, reach: int, like: Like, *, step: int, threads: int | None) -> Any:
     """Call `work` on all tiles of the scene `opened`: lazily on the chunks of a Dask array, else at once on threads.
 
     `work` must be picklable; it can read the tile and `reach` pixels around it. `like` is the number of bands and the
@@ -304,7 +306,7 @@ def over_tiles(
     return out
 
 
-def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], step: int) -> Any:
+def _lazily(opened: ArrayScene, work: Work, reach: int, like: Like, step: int) -> Any:
     from dask.array import map_blocks
     from dask.array.overlap import overlap
 
@@ -359,7 +361,7 @@ class Deglint:
 
     def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
         """Correct the array or Dataset with a fitted recipe or model; see `deglint.xr.apply`."""
-        work: Callable[[Any], Any] = partial(apply, fitted=fitted, **options)
+        work: Callable[[DataArray], DataArray] = partial(apply, fitted=fitted, **options)
         return _by_variables(self._given, work) if self._several else work(self._given)
 
     def remove(self, recipe: Recipe | str = "auto", **options: Any) -> Any:

@@ -7,7 +7,7 @@ Tiles are scored by the functions of `rxdetect score`, so the scores are the sam
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,10 +26,13 @@ from .pipeline import Recipe
 from .pipeline.plan import fit_background, fitted, make_plan
 from .pipeline.scoring import Scoring
 
+if TYPE_CHECKING:
+    from xarray import DataArray
+
 
 @checked_keywords()
 def fit(
-    array: Any,
+    array: "DataArray",
     recipe: Recipe | str = "rx",
     *,
     sensor: str | None = None,
@@ -48,14 +51,14 @@ def fit(
 
 @checked_keywords()
 def score(
-    array: Any,
+    array: "DataArray",
     recipe: Recipe | str = "rx",
     *,
     background: Background | None = None,
     sensor: str | None = None,
     nodata: float | str | None = None,
     threads: int | None = None,
-) -> Any:
+) -> "DataArray":
     """Score how anomalous every pixel of a DataArray is; the scores of a lazy array are lazy.
 
     Parameters
@@ -95,7 +98,7 @@ def score(
     return opened.plane(scores[0], plan.recipe.method)
 
 
-def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
+def rx(array: "DataArray", background: Background | None = None, **options: Any) -> "DataArray":
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
     `options` are fields of `detect.pipeline.Recipe`, such as covariance, ridge and bands. `array`, `background` and the

@@ -5,9 +5,9 @@ Arrays may come from rioxarray, odc-stac or stackstac; xarray is not imported. B
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from affine import Affine
@@ -21,9 +21,11 @@ from .grid import at
 from .opening import with_nodata
 from .spectral import nominal_wavelength
 
+if TYPE_CHECKING:
+    from xarray import DataArray
+
 _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
-Lists = dict[Any, list[Any]]  # by name of an attribute, one entry per band
 BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
 _SCALE_NAMES, _OFFSET_NAMES = ("scale_factor", "scales"), ("add_offset", "offsets")
@@ -39,10 +41,10 @@ class ArrayScene:
 
     scene: Scene
     values: Any  # numpy or dask array (band, row, column)
-    array: Any  # the DataArray that was given
-    _ordered: Any  # `array` with the dimensions band (if it has one), rows and columns only, in this order
+    array: "DataArray"  # the DataArray that was given
+    _ordered: "DataArray"  # `array` with the dimensions band (if it has one), rows and columns only, in this order
 
-    def like(self, values: Any) -> Any:
+    def like(self, values: Any) -> "DataArray":
         """A DataArray with `values` (band, row, column), and the dimensions and attributes of the original array."""
         out = self._ordered.copy(data=values if self._ordered.ndim == 3 else values[0])
         further = [d for d in self.array.dims if d not in out.dims]
@@ -51,7 +53,7 @@ class ArrayScene:
             found.encoding = {k: v for k, v in found.encoding.items() if k == "grid_mapping"}
         return found
 
-    def plane(self, values: Any, name: str) -> Any:
+    def plane(self, values: Any, name: str) -> "DataArray":
         """A DataArray called `name` with `values` (row, column); of the attributes, only georeferencing is kept."""
         out = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True).copy(data=values)
         out.name = name
@@ -60,7 +62,7 @@ class ArrayScene:
         return out
 
 
-def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
+def open_array(array: "DataArray", *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
     """Open a DataArray as a scene; no pixel is computed. Raises InputError or BandError if it or `sensor` does not fit.
 
     array : its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any
@@ -89,7 +91,7 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     return ArrayScene(scene, values, array, ordered)
 
 
-def axes(array: Any) -> tuple[Any, Any, Any]:
+def axes(array: "DataArray") -> tuple[Hashable, Hashable, Hashable]:
     """Names of a DataArray's dimensions of rows, columns and bands (or None). InputError without rows or columns."""
     known = {str(d).lower(): d for d in array.dims}
     rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
@@ -99,7 +101,7 @@ def axes(array: Any) -> tuple[Any, Any, Any]:
     return rows, columns, band
 
 
-def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> RasterInfo:
+def _info(array: "DataArray", values: Any, band: Hashable, rows: Hashable, columns: Hashable) -> RasterInfo:
     count, height, width = values.shape
     if values.dtype.kind not in "fiu":
         raise InputError(f"want integers or real numbers, got {values.dtype}. Convert the array first.")
@@ -133,7 +135,7 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     )
 
 
-def _lists(array: Any, band: Any, count: int) -> Lists:
+def _lists(array: "DataArray", band: Hashable, count: int) -> dict[Any, list[Any]]:
     """Attributes that are lists with one entry per band, reduced to the entries of the `count` bands in the array.
 
     `band` is the name of the dimension of bands, or None. When bands are selected in xarray, such lists still have the
@@ -149,7 +151,9 @@ def _lists(array: Any, band: Any, count: int) -> Lists:
     return {k: [_plain(v[n - 1]) for n in numbers] for k, v in fits.items()}
 
 
-def _bands(array: Any, band: Any, count: int, lists: Lists) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
+def _bands(
+    array: "DataArray", band: Hashable, count: int, lists: Mapping[Any, list[Any]]
+) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
     """Name (or None) and tags of each band, from coordinates along the dimension `band` and `lists` (see `_lists`)."""
     along = {
         str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
@@ -193,7 +197,7 @@ def _text(value: object) -> str:
     return "{" + ", ".join(str(_plain(v)) for v in value) + "}" if isinstance(value, (list, tuple)) else str(value)
 
 
-def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
+def _crs(array: "DataArray", grid: Mapping[str, Any]) -> Any:
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
@@ -205,7 +209,7 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
         return None
 
 
-def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Affine | None:
+def _transform(array: "DataArray", grid: Mapping[str, Any], rows: Hashable, columns: Hashable) -> Affine | None:
     """Affine transform of an array, from its coordinates along the dimensions called `rows` and `columns`.
 
     If `grid` (the attributes of the grid mapping) or the array declares a transform that agrees with the coordinates,
