@@ -8,12 +8,16 @@ physical units (scale and offset applied), with NaN where a pixel is not valid. 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from .errors import BandError
+
+if TYPE_CHECKING:
+    from affine import Affine
+    from matplotlib.axes import Axes
 
 ROUNDED = 0.999  # share of `Band.saturation` from which pixels count as saturated: values are rounded
 FloatArray = npt.NDArray[np.floating[Any]]
@@ -89,7 +93,7 @@ class Scene:
     source: Source = field(repr=False)
     path: str = ""
     crs: Any = None
-    transform: Any = None
+    transform: "Affine | None" = None
     sensor: str | None = None
     notes: tuple[str, ...] = ()
     product: str | None = None
@@ -99,7 +103,7 @@ class Scene:
         sensor = f", sensor {self.sensor}" if self.sensor else ""
         return f"Scene({self.path!r}, {len(self.bands)} bands, {self.width} x {self.height} pixels{sensor})"
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the scene in natural colours; glint, clouds and foam are white. Needs matplotlib.
 
         `ax` is the matplotlib Axes to draw in, by default those of a new figure; they are returned. Raises InputError

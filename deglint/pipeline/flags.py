@@ -48,6 +48,7 @@ GLINT_CLASSES = {0: "not assessed", 1: "negligible", 2: "correctable (moderate)"
 NOT_ASSESSED, NEGLIGIBLE, CORRECTABLE, UNCORRECTABLE = GLINT_CLASSES
 MODELLED = "modelled at the water surface, not removed"
 SPECIFICATION = "CEOS-ARD Aquatic Reflectance 2.0.1"
+SkyGlint = dict[str, Any] | None  # what `sky_glint` returns
 SKY_MODEL = "harrison-coombes"
 """Sky model for the reported sky glint: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
 SKY_WINDS = (5.0, 1.0, 15.0)
@@ -179,7 +180,7 @@ def beside(
     return found
 
 
-def sky_glint(scene: Scene) -> dict[str, Any] | None:
+def sky_glint(scene: Scene) -> SkyGlint:
     r"""Sky-glint reflectance at the water surface for each band, constant over the scene.
 
     .. math:: \rho = \pi L / (E_{sun} + E_{sky})
@@ -190,11 +191,10 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     None, with a line in the log, if the scene does not state the angles of sun and sensor, or has no such band.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
-    found = {k: _angle(tags, *names, zenith="zenith" in k) for k, names in _ANGLE_TAGS.items()}
-    angles = {k: angle for k, angle in found.items() if angle is not None}
+    angles = {k: a for k, names in _ANGLE_TAGS.items() if (a := _angle(tags, *names, zenith="zenith" in k)) is not None}
     low, high = WAVELENGTH_RANGE
     known = {b.name: b.wavelength for b in scene.bands if b.wavelength and low <= b.wavelength <= high}
-    missing = [name for name in found if name not in angles]
+    missing = [name for name in _ANGLE_TAGS if name not in angles]
     missing += [] if known else [f"a wavelength of {low:g} to {high:g} nm"]
     if missing:
         log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))

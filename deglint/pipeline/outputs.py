@@ -119,7 +119,7 @@ class Result:
         bands = ", ".join(self.changed) or "none"
         return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the scene before and after the correction, with the same stretch; `ax` and result as in `Scene.plot`."""
         from ..plotting import drawn
         from ..readers import open_scene

@@ -1,7 +1,7 @@
 """Process a file: open it, fit (or use a saved model), correct tile by tile, write the output and its sidecar."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from operator import index
@@ -31,7 +31,7 @@ from ..tiles import Tile
 from ..timing import Reporter
 from .correct import Correction, correction
 from .fit import Fitted, Progress, fit_scene, given_model
-from .flags import beside, glint_numbers, sky_glint
+from .flags import SkyGlint, beside, glint_numbers, sky_glint
 from .outputs import Outputs, PixelCounts, Result, log_result, saved, sidecar
 from .overview import raster_of, tiles_over
 from .recipe import Recipe
@@ -191,9 +191,7 @@ def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, check
     return Result(fitted, tally, said, tuple(said["warnings"]), scene)
 
 
-def _write_tiles(
-    scratch: Scratch, work: Correction, targets: Outputs, sky: Mapping[str, Any] | None, run: Run
-) -> PixelCounts:
+def _write_tiles(scratch: Scratch, work: Correction, targets: Outputs, sky: SkyGlint, run: Run) -> PixelCounts:
     """Correct all tiles, write them and the additional rasters, and count pixels; `sky` comes from `sky_glint`."""
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
