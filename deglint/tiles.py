@@ -19,11 +19,10 @@ from itertools import groupby
 from types import EllipsisType
 from typing import Any, TypeVar
 
-from .checks import check_number
+from .checks import T, check_number
 from .moments import CELL, Crop
 from .scene import Window
 
-T = TypeVar("T")
 Part = TypeVar("Part")
 Run = Callable[..., Iterator[tuple["Tile", Any]]]  # type of functions that run work on tiles, as `run` does
 SAMPLES = 4 << 20  # usual number of values (pixels times bands) in a tile

@@ -26,6 +26,7 @@ from .arrays import Array, Float64, Mask, Scores
 from .background import RIDGE, Background, as_image, as_mask, fit
 from .covariance import TOLERANCE, whitener
 
+Given = Background | Mask | None  # a fitted background, or the pixels to which one is fitted; None: all of them
 _CHUNK = 1024  # number of pixels that are scored at a time, up to 8 times as many for few bands: they fit in the cache
 _PRODUCTS = 1 << 18  # multiplications in one matrix product, for up to 16 bands: OpenBLAS starts no threads for so few
 _STRIP_PIXELS = 1 << 19  # number of pixels that a thread scores at a time
@@ -177,7 +178,7 @@ DETECTORS = {
 @checked_keywords()
 def rx(
     image: Array,
-    background: Background | Mask | None = None,
+    background: Given = None,
     *,
     mask: Mask | None = None,
     nodata: float | None = None,
@@ -227,21 +228,19 @@ def rx(
 
 
 @checked_keywords()
-def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
+def utd(image: Array, background: Given = None, *, mask: Mask | None = None) -> Scores:
     """Uniform target detector (Ashton, Schaum 1998): (u - mean)' C^-1 (x - mean), with u = 1 in all bands; see `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
-def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
+def rx_utd(image: Array, background: Given = None, *, mask: Mask | None = None) -> Scores:
     """`rx` minus `utd` (Ashton, Schaum 1998): (x - u)' C^-1 (x - mean), with u = 1 in all bands; see `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
 @checked_keywords()
-def subspace_rx(
-    image: Array, background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
-) -> Scores:
+def subspace_rx(image: Array, background: Given = None, *, drop: int = 1, mask: Mask | None = None) -> Scores:
     """RX without the `drop` leading eigenvectors of the covariance (Schaum 2007). See `rx` for other parameters.
 
     For a sea with glint, the leading eigenvector is the spectrum of the glint, so that RX without it suppresses glint.
@@ -250,9 +249,7 @@ def subspace_rx(
 
 
 @checked_keywords()
-def residual_rx(
-    image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
-) -> Scores:
+def residual_rx(image: Array, background: Given = None, *, nir: Sequence[int], mask: Mask | None = None) -> Scores:
     """RX of the residuals of the bands after regression on reference bands; the other parameters are as in `rx`.
 
     Parameters
@@ -263,7 +260,7 @@ def residual_rx(
     return _run("residual", image, background, mask, nir=nir)
 
 
-def _run(method: str, image: Array, background: Background | Mask | None, mask: Mask | None, **options: Any) -> Scores:
+def _run(method: str, image: Array, background: Given, mask: Mask | None, **options: Any) -> Scores:
     """Score an image with a method; fit the background if none is given. `options`: for `fit` or `detector`."""
     fitting = {name: options.pop(name) for name in ("covariance", "ridge", "threads") if name in options}
     hidden = np.ma.getmask(image)

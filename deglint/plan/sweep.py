@@ -9,7 +9,6 @@ import numpy as np
 from ..errors import InputError
 from ..physics import slopes, sun
 from ..physics._checks import check_quantity, within
-from ..physics.sun import Time
 from .dataset import excluded_share
 from .mission import SUN_LIMIT, Mission, tables_of
 from .reticle import Reticle, ViewingGeometry, best_geometry, compass, one_in, reticle, sentence
@@ -29,7 +28,7 @@ class Moment:
     excluded_share: float  # share of the solid angle of all viewing geometries that is excluded [1]
 
 
-def times(start: Time, end: Time, minutes: float) -> list[np.datetime64]:
+def times(start: sun.Time, end: sun.Time, minutes: float) -> list[np.datetime64]:
     """Times (UTC) from `start` to `end`, `minutes` apart; the end is included if a step falls on it.
 
     `start` and `end` are as `time` in `sun.position`. Raises InputError if the end lies before the start, or if
@@ -49,7 +48,7 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
     return when[int(np.argmin(zenith))]
 
 
-def next_daylight(latitude: float, longitude: float, start: Time | None = None) -> np.datetime64:
+def next_daylight(latitude: float, longitude: float, start: sun.Time | None = None) -> np.datetime64:
     """First time (UTC), in steps of 10 minutes from `start`, when the sun is at least `DAYLIGHT` degrees high.
 
     If the sun is not so high within 24 hours, it is the time when the sun is highest. By default, `start` is now.

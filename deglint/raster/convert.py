@@ -15,6 +15,7 @@ from ..scene import FloatArray, Window
 
 Raw = npt.NDArray[Any]
 Valid = npt.NDArray[np.bool_]
+Nodatas = Sequence[float | None]  # of each band
 FORGOTTEN = (3.4028e38, 3.40283e38)
 """In floating-point files, numbers with absolute values between these two are not valid: many programs write the
 largest float32 as nodata without declaring it. In float64 files the largest float64 is not valid either."""
@@ -47,7 +48,7 @@ def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets:
     return out
 
 
-def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
+def is_valid(raw: Raw, nodatas: Nodatas) -> Valid | None:
     """Mask (band, row, column), True where a file value in `raw` is not nodata; None if no value is nodata.
 
     `nodatas` has one entry per band. Entries that are NaN, or that the type of `raw` cannot hold, are ignored here.
@@ -146,9 +147,7 @@ def _moved(stored: Raw, good: Valid, nodata: float | None) -> Valid:
     return np.zeros(stored.shape, np.bool_)
 
 
-def relaid(
-    raw: Raw, valid: Valid | None, own: Sequence[float | None], dtype: str, nodata: float | None
-) -> tuple[Raw, Valid]:
+def relaid(raw: Raw, valid: Valid | None, own: Nodatas, dtype: str, nodata: float | None) -> tuple[Raw, Valid]:
     """Convert file values to the type `dtype` and the `nodata` of an output.
 
     NaN and infinity become `nodata`, or 0, in integers. A valid value that equals `nodata` is moved to the next number.

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from affine import Affine
 
 from ..errors import InputError, NoWaterError
-from ..moments import Mask
+from ..moments import Float64, Mask
 from ..raster import RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
@@ -142,7 +141,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     return Area(window, partial(_in_polygons, shapes, transform, window), note)
 
 
-def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
+def _corners(shapes: Sequence[Mapping[str, Any]]) -> Float64:
     """Coordinates x and y of all corners of GeoJSON polygons, as an array (corner, 2)."""
     return np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring], np.float64)
 

@@ -6,7 +6,7 @@ Properties in the file are kept; missing ones come from the preset of the sensor
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from os.path import commonprefix
 from typing import Any
@@ -180,9 +180,7 @@ def short_names(stems: Sequence[str]) -> list[str]:
     return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
 
 
-def apply_sensor(
-    bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
-) -> tuple[list[Band], list[str]]:
+def apply_sensor(bands: Sequence[Band], sensor: Sensor, unnamed: Collection[int] = ()) -> tuple[list[Band], list[str]]:
     """Add missing wavelengths, widths, time offsets and groups of bands from a preset; return the bands, and notes.
 
     `unnamed`: 0-based indexes of bands not named, or only numbered; they get the preset's names. Errors as in `match`.
@@ -203,9 +201,7 @@ def apply_sensor(
     return filled, notes
 
 
-def match(
-    bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
-) -> tuple[list[SensorBand | None], str]:
+def match(bands: Sequence[Band], sensor: Sensor, unnamed: Collection[int] = ()) -> tuple[list[SensorBand | None], str]:
     """Return the preset's band for each band (or None), and the property by which they match ("name", ...), for a note.
 
     `unnamed` is as in `apply_sensor`. Raises BandError if the preset does not fit the bands.

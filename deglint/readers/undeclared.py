@@ -15,7 +15,7 @@ from .. import sensors
 from .. import tiles as tiling
 from ..moments import Mask
 from ..morphology import grown, opened
-from ..raster.convert import Raw
+from ..raster.convert import Nodatas, Raw
 from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
@@ -226,7 +226,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
     return replace(found, offsets=offsets, notes=(*found.notes, note))
 
 
-def _percentiles(blocks: list[Block], nodatas: Sequence[float | None], percent: float) -> list[float]:
+def _percentiles(blocks: list[Block], nodatas: Nodatas, percent: float) -> list[float]:
     """Percentile `percent` of each band's valid file values, except where all bands are 0; infinite if none is left."""
     out = []
     for band, nodata in enumerate(nodatas):

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import FitError
 from ..moments import Float64, Mask
@@ -60,7 +59,7 @@ LEAST_OF_MEDIAN = 0.5
 """Largest ratio of least to median glint where all pixels have some: waves make it .23 to .48 at 1.6 to 10 m."""
 
 
-def mode(sample: npt.NDArray[np.floating]) -> float:
+def mode(sample: FloatArray) -> float:
     """Mode of n values (pixel,), for float and integer data alike.
 
     The mode is the peak of a Gaussian kernel density (Parzen 1962). Its bandwidth h = (4/5)^(1/7) s n^(-1/7) is the
@@ -96,7 +95,7 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
     return peak
 
 
-def even_share(sample: npt.NDArray[np.floating]) -> float:
+def even_share(sample: FloatArray) -> float:
     """Share of the variance of values (pixel,) that is symmetric about their median.
 
     The share is about 1 for noise and nearly 0 for glint. Glint only adds light, so variation below the median has

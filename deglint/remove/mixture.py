@@ -45,9 +45,7 @@ LEAST_KEPT = 0.75
 """Red edge is used if the gain of a plume added to every tile is at least this; smaller plumes are preserved better."""
 
 
-def fit(
-    request: FitRequest, tiles: Sequence[SampleTile], clear: float, cut: Sequence[float] | None = None
-) -> GlintModel:
+def fit(request: FitRequest, tiles: list[SampleTile], clear: float, cut: Sequence[float] | None = None) -> GlintModel:
     """Fit kernels and levels to tiles after an opening; the model may also add light (`GlintModel.signed`).
 
     clear : share of the sample without glint, 0..1. At least `LEAST_GLINT` % is used, or `CLEAR` % if the predictions
@@ -83,9 +81,7 @@ def fit(
     return replace(model, indexes=tuple(indexes), fits=tuple(fits), references=rules)
 
 
-def _fitted(
-    request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]
-) -> GlintModel:
+def _fitted(request: FitRequest, tiles: list[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> GlintModel:
     """Fit kernels of each band on bands `nir`, and on those of `more` of longer wavelength (0-based); levels are 0."""
     every = (*nir, *more)
     sides = [MIXTURE_SIDE] * len(every)

@@ -40,6 +40,7 @@ from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_is_bette
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
 """Function that returns, for a tile, row and column in the scene of each square of `CELL` pixels, (square, 2), and a
 mask (square,) of the squares in strips of the second kind (`deglint.remove.strips`)."""
+GivenStrips = Strips | Callable[[SquareKinds], Strips] | None  # a map of strips, or the function that makes it
 SAMPLE_SIDE = 192  # side of the tiles of a sample [pixel]
 SURE = 3.0  # standard errors by which the glint common to the bands must exceed zero, else nothing is corrected
 SHEET = 0.5
@@ -91,9 +92,7 @@ class Prepared(NamedTuple):
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
-def fit(
-    request: FitRequest, tiles: Sequence[SampleTile], *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
-) -> GlintModel:
+def fit(request: FitRequest, tiles: Sequence[SampleTile], *, strips: GivenStrips = None) -> GlintModel:
     """Fit the kernel of each band, its response (the sum of the kernel) and its glint-free level.
 
     request : with regression "ols" no local plane is subtracted, and responses are not shifted to the expected spectrum
@@ -125,9 +124,7 @@ def prepare(request: FitRequest, tiles: Sequence[SampleTile]) -> Prepared:
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # as in `fit`
-def fit_without_levels(
-    ready: Prepared, *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
-) -> tuple[GlintModel, Float64]:
+def fit_without_levels(ready: Prepared, *, strips: GivenStrips = None) -> tuple[GlintModel, Float64]:
     """Fit the model of `fit` to a prepared sample, with levels 0; also return the slopes of glint alone, (band,)."""
     request, rules, tiles, planes, notes = ready
     sets = band_sets(request)

@@ -6,9 +6,8 @@ spectrum; the remainder is a Gaussian distribution of slopes within each facet. 
 scenes equals the glint of `deglint.physics.glint`. All bands see the same facets, each band at its own time.
 """
 
-from typing import Any
-
 import numpy as np
+import numpy.typing as npt
 
 from ..physics import fresnel, glint, sky, slopes
 from ..physics._checks import Floats
@@ -17,6 +16,7 @@ from ..physics.surface import normals, on_rows, realise
 from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
+Sparkle = tuple[Floats, npt.NDArray[np.uint16], Floats]  # amplitudes, index, frequencies
 LEAST_SLOPE = 0.01  # least standard deviation of the slopes within a facet [1]
 TABLE_REACH, TABLE_STEP = 1.5, 0.03  # largest slope, and step of slope, in the table of the reflected sky [1]
 
@@ -93,9 +93,7 @@ def sparkle_share(patch: float, facet: float) -> float:
     return float(np.sqrt(spread / (1 + spread)))
 
 
-def _draw_sparkle(
-    setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int
-) -> tuple[Any, Any, Any]:
+def _draw_sparkle(setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int) -> Sparkle:
     """Draw the sparkle at random: slope amplitudes [1] and index of the frequency of each facet; frequencies [rad/s].
 
     `variance` is the slope variance of the sparkle (upwind, crosswind). Amplitudes (row, column, 4) are factors on the

@@ -12,7 +12,7 @@ from ..physics._checks import Floats
 from ..physics.imaging import observe, transform
 from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means, digitise
-from ..physics.surface import on_rows
+from ..physics.surface import Complex, on_rows
 from .artefacts import GRID_SHIFT, compress, resample, stripe
 from .cover import Cover
 from .facets import Facets
@@ -255,7 +255,7 @@ class _Shot:
         offsets = (0.0, GRID_SHIFT) if setup.artefacts.resampling else (0.0,)
         self.grids = [(np.empty((2, *self.water.shape), np.float32), offset) for offset in offsets]
 
-    def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
+    def pixels(self, spectrum: Complex, i: int, off: float = 0.0) -> Floats:
         """Band i, (row, column), of a layer with Fourier transform `spectrum`: blurred, displaced by `off` [pixel]."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)

@@ -15,11 +15,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
 from pathlib import Path, PurePosixPath
-from typing import TypeVar
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from ...checks import T
 from ...errors import InputError, ReadError
 from ...physics import EARTH_RADIUS
 from ...raster import FlatField, RasterInfo
@@ -27,7 +27,6 @@ from ...raster.info import describe_file
 from ..spectral import with_spectral
 from ..text import number
 
-Item = TypeVar("Item")
 MOST_MEMBERS = 20_000  # most files of a folder that are listed: it may be large, and need not be a product
 PRODUCT_UNIT = "W m-2 sr-1 um-1"  # of radiance in the products of satellites
 FULL = 65535.0  # saturated file value of Sentinel-2 and Landsat if the metadata do not give it
@@ -71,7 +70,7 @@ class Container:
         """Members whose file name matches a regular expression; case is ignored."""
         return [member for member, _ in self.matches(pattern)]
 
-    def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
+    def only(self, found: Sequence[T], what: str, names: Iterable[str], remedy: str = "Name one.") -> T:
         """The only item of `found`. Raises InputError for several, with `what` they are, their `names` and `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
