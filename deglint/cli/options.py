@@ -5,7 +5,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import click
 from click.shell_completion import CompletionItem
@@ -13,13 +13,9 @@ from click.shell_completion import CompletionItem
 from ..checks import nearest
 from .running import BoldContext
 
-if TYPE_CHECKING:
-    from ..cluster import Cluster
-
 log = logging.getLogger(__name__)
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # click settings of a command
 Decorator = Callable[[Callable[..., None]], Callable[..., None]]  # of a function that becomes a click command
-Callback = Callable[[click.Context, click.Parameter, str | tuple[str, ...] | None], object]
 
 
 class Grouped(click.Command):
@@ -120,7 +116,7 @@ def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...])
     return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
 
 
-def parsed(read: Callable[[str], object], wrong: str) -> Callback:
+def parsed(read: Callable[[str], object], wrong: str) -> Callable[..., object]:
     """Make a click callback that converts each text by `read`; a ValueError becomes a usage error with text `wrong`."""
 
     def one(text: str) -> object:
@@ -226,7 +222,7 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 
 @contextlib.contextmanager
-def cluster_of(given: dict[str, Any]) -> Iterator["Cluster | None"]:
+def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
     """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end.
 
     For a dry run, the options are checked, and None is provided.

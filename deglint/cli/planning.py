@@ -94,11 +94,8 @@ def over_time(given: Given, mission: Mission, console: Console) -> None:
         moments.append(moment)
         found.append(plan)
         console.progress("sweep", len(moments), len(when))
-
-    def day() -> Image:
-        return day_picture(mission, moments, {k: p for k in selected(moments) if (p := found[k]) is not None})
-
-    _finish(given, day, sweep.numbers(mission, moments), sweep.table(moments))
+    shown = {k: p for k in selected(moments) if (p := found[k]) is not None}
+    _finish(given, lambda: day_picture(mission, moments, shown), sweep.numbers(mission, moments), sweep.table(moments))
 
 
 def under_winds(given: Given, mission: Mission, _console: Console) -> None:

@@ -4,16 +4,13 @@ import json
 import logging
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from . import options
 from .options import SETTINGS, ChoiceFromTable, Grouped, heading, parsed, threads
 from .remove import size
-
-if TYPE_CHECKING:
-    from ..simulate import Setup
 
 log = logging.getLogger(__name__)
 
@@ -140,7 +137,7 @@ def simulate(out: Path, **given: Any) -> None:
         click.echo(json.dumps(written))
 
 
-def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, "Setup"]]:
+def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     """Path without ending, and `Setup`, of each scene of the options; UsageError for several scenes without --grid."""
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps

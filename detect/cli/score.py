@@ -14,7 +14,7 @@ SHARE = click.FloatRange(0, 1, min_open=True, max_open=True)
 SHARE.name = "share between 0 and 1, such as 1e-4"  # in the message: "5%" is not a valid ...
 
 
-def pair(kind: Callable[[str], float], name: str, example: str) -> options.Callback:
+def pair(kind: Callable[[str], float], name: str, example: str) -> Callable[..., object]:
     """Make a click callback that parses "A,B", two numbers of type `kind`; errors show `name` and `example`."""
 
     def read(text: str) -> tuple[float, float]:
