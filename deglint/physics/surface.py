@@ -157,7 +157,7 @@ def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
         )
 
 
-def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[float, float, Floats, Floats], tuple[float, ...]]:
     """Arguments `table` and `how` of `fill_amplitudes` for `sea` and wavenumbers from `lowest` to `highest` [rad/m]."""
     from ._kernels import ELFOUHAILY, FULL_ANGLE, HALF_ANGLE
 
