@@ -1,13 +1,13 @@
 """A tile of a scene in three states: as read, as corrected, and as written to the outputs."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..compensate.state import Float32
 from ..moments import Mask
+from ..raster.convert import Raw
 from ..scene import FloatArray
 from ..tiles import Tile
 from .outputs import PixelCounts
@@ -19,7 +19,7 @@ class Block:
 
     tile: Tile
     outer: Tile  # the tile with its halo
-    raw: npt.NDArray[Any]  # (band, row, column), file values of the tile
+    raw: Raw  # (band, row, column), file values of the tile
     valid: Mask | None  # (band, row, column), mask of valid file values; None if all are valid
     wide: FloatArray  # (band, row, column), physical values in `outer`
     water: Mask  # (row, column), pixels of `outer` that may be corrected
@@ -47,7 +47,7 @@ class Corrected:
 class CorrectedTile:
     """A corrected tile as it is written to the outputs; values that were not requested are None."""
 
-    raw: npt.NDArray[Any]  # (band, row, column), all bands in the type of the output
+    raw: Raw  # (band, row, column), all bands in the type of the output
     counts: PixelCounts
     valid: Mask | None = None  # (row, column), valid pixels; None if the output has no mask
     flags: npt.NDArray[np.uint8] | None = None  # (2, row, column), flags and class of sun glint

@@ -206,15 +206,21 @@ class Correction:
         known = np.isfinite(done.physical) & block.where & bool(done.changes)
         return np.where(known, out, np.nan)[list(self.changed)].astype(np.float32)
 
-    def _encoded(self, block: Block, done: Corrected) -> tuple[npt.NDArray[Any], Mask, Mask]:
+    def _encoded(self, block: Block, done: Corrected) -> tuple[Raw, Mask, Mask]:
         """All bands as numbers for the file, and masks of negative and of clipped values, (band, row, column) each."""
         info, layout = raster_of(self.scene).info, self.layout
         raw, clipped = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         negative = np.zeros(raw.shape, np.bool_)
         for band, place in done.changes.items():
             nodata = info.nodatas[band] if layout.nodata is None else layout.nodata
-            packing: Any = {"scale": info.scales[band], "offset": info.offsets[band]}
-            negative[band], outside = encode(done.physical[band], raw[band], where=place, nodata=nodata, **packing)
+            negative[band], outside = encode(
+                done.physical[band],
+                raw[band],
+                where=place,
+                nodata=nodata,
+                scale=info.scales[band],
+                offset=info.offsets[band],
+            )
             np.copyto(clipped[band], outside, where=place)
         return raw, negative, clipped
 

@@ -121,7 +121,7 @@ def glint_numbers(counts: PixelCounts, noise: Mapping[str, float]) -> dict[str, 
     """Sidecar entries: number of pixels of each class of sun glint, and limit of negligible glint of each band.
     `noise` is the standard deviation of the noise of each band that may change, by its name [unit of the band].
     """
-    pixels = dict(zip(GLINT_CLASSES.values(), counts.glint, strict=True))
+    pixels = dict(zip(GLINT_CLASSES.values(), np.broadcast_to(counts.glint, len(GLINT_CLASSES)), strict=True))
     return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": dict(noise)}
 
 
@@ -164,7 +164,7 @@ def beside(
         names = "flags", "sun glint class"
         found["flags"] = targets.flags, Layout(own, (0, 1), "uint8", None, names=names, flags=FLAGS, **options)
 
-    def values(what: str, kept: Any) -> Layout:
+    def values(what: str, kept: RasterInfo) -> Layout:
         names = tuple(f"{what} {scene.names[b]}" for b in bands)
         return Layout(kept, bands, "float32", float("nan"), names=names, **options)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ from ..scene import Scene
 from .fit import Fitted
 from .messages import log
 from .overview import raster_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 BESIDE = {"flags": "tif", "amount": "tif", "stderr": "tif", "sample": "geojson", "model": "json", "picture": "png"}
 """Optional outputs beside the image and its sidecar, and the usual extensions of their file names."""
@@ -119,7 +122,7 @@ class Result:
         bands = ", ".join(self.changed) or "none"
         return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the scene before and after the correction, with the same stretch; `ax` and result as in `Scene.plot`."""
         from ..plotting import drawn
         from ..readers import open_scene

@@ -198,7 +198,7 @@ def _write_tiles(scratch: Scratch, work: Correction, targets: Outputs, sky: SkyG
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
     tally = PixelCounts()
     images = {"raw": (targets.image, image)} | beside(scene, image, tuple(work.amount_bands), targets, sky)
-    options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
+    over, progress = (run.cluster or tiling).run, partial(run.progress, "correct")
     with writing_all(scratch, images) as writers:
         for tile, done in over(everything, work, threads=at_once, progress=progress, start=enter_thread):
             for what, writer in writers.items():
