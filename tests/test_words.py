@@ -73,14 +73,17 @@ def test_names_say_what_they_name():
 def constants(tree):
     """Names in capitals that a module gives a value, and the value's text."""
     for node in tree.body:
-        value = getattr(node, "value", None)
+        if (value := getattr(node, "value", None)) is None:
+            continue
         for target in getattr(node, "targets", [getattr(node, "target", None)]):
-            pairs = [(target, value)]
-            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-                pairs = zip(target.elts, value.elts, strict=True)
+            pairs = [(target, ast.unparse(value))]
+            if isinstance(target, ast.Tuple):
+                values = [ast.unparse(each) for each in getattr(value, "elts", ())]
+                values = values or [f"{ast.unparse(value)}[{i}]" for i in range(len(target.elts))]
+                pairs = zip(target.elts, values, strict=True)
             for name, own in pairs:
-                if isinstance(name, ast.Name) and name.id.strip("_").isupper() and own is not None:
-                    yield name.id.lstrip("_"), ast.unparse(own)
+                if isinstance(name, ast.Name) and name.id.strip("_").isupper():
+                    yield name.id.lstrip("_"), own
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -57,7 +57,7 @@ AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
 turbid plumes do not, where there is no glint to compare with."""
 COMPACTNESS = 0.7  # least share of brown water in squares of 5 x 5 pixels: a town, brown in radiance, is less compact
-SATURATED = 1e-3
+SATURATED_SHARE = 1e-3
 """The highest NIR is saturated if at least this share of the pixels has it, and if it exceeds the NIR of dark water by
 more than visible and NIR differ: in images of 8 bits, the NIR of calm water has few values, all frequent."""
 BEYOND = 1.4
@@ -189,7 +189,7 @@ class _View:
         """NIR value of saturated pixels, whose colour is therefore not known; infinite if no pixels are saturated."""
         nir = self.flat([b[self.roles.nir] for b in self.blocks])
         low, high = float(np.percentile(nir, 1)), float(nir.max())
-        saturated = (nir == high).mean() >= SATURATED and high - low > float(np.median(np.abs(self.contrast)))
+        saturated = (nir == high).mean() >= SATURATED_SHARE and high - low > float(np.median(np.abs(self.contrast)))
         return high if saturated else np.inf
 
     def votes(self, window: int, white: tuple[float, float], *, brown: bool) -> list[Votes]:

@@ -48,7 +48,7 @@ show how much of the minimum is water and how much is an even sheet of glint."""
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
 excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
-NEGATIVE = 0.1  # share of pixels with little glint (or of local means) that may be negative after removal [%]
+NEGATIVE_SHARE = 0.1  # share of pixels with little glint (or of local means) that may be negative after removal [%]
 SUBTRACTED = 0.05  # share of negative values before removal from which a band may become negative, as its water is so
 DARKER = 0.75
 """Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
@@ -217,7 +217,7 @@ def shared_level(
     excess = sample.local if local else prediction - value / slopes[:, None]
     less_glint = together <= middle
     short = [
-        (_highest(over[inside], NEGATIVE + 100 * below) - at) / u
+        (_highest(over[inside], NEGATIVE_SHARE + 100 * below) - at) / u
         for over, v, at, u in zip(excess, value, level, unit, strict=True)
         if (below := float((v[less_glint] < 0).mean())) < SUBTRACTED and (inside := (v > 0) & less_glint).any()
     ]

@@ -13,7 +13,7 @@ from .underwater import smooth_noise
 
 Labels = npt.NDArray[np.unsignedinteger[Any]]
 
-WATER, LAND, FOAM, TARGET = range(4)  # values of the cover raster `SimulatedScene.cover`
+OPEN_WATER, LAND, FOAM, TARGET = range(4)  # values of the cover raster `SimulatedScene.cover`
 FOAM_PATCH = 1.5  # size of a patch of foam [m]: a spilling breaker of short wind waves
 LAND_PATCH = 6.0  # size of the patches of vegetation and rock on land [m]
 BASE = ("", "vegetation", "rock", "foam")  # materials of labels 0 (water) to 3; one label for each target follows
@@ -80,9 +80,9 @@ class Cover:
         part[(np.abs(along) <= 0.5 * target.length) & (np.abs(across) <= half * taper)] = number
 
     def kinds(self, labels: Labels) -> Labels:
-        """Convert labels (indices in `materials`) to values of the cover raster: `WATER`, `LAND`, `FOAM`, `TARGET`."""
+        """Convert labels (indices in `materials`) to values of the cover raster: OPEN_WATER, LAND, FOAM, TARGET."""
         table = np.full(len(self.materials), TARGET, np.uint8)
-        table[:4] = WATER, LAND, LAND, FOAM
+        table[:4] = OPEN_WATER, LAND, LAND, FOAM
         return table[labels]
 
 
