@@ -57,7 +57,7 @@ def same(choice: Choice) -> Chosen:
 
 def evenly(plain: Callable[..., Any], request: Any, *rest: Any, **more: Any) -> Any:
     """A fit of the Wiener filter in which strong and faint glint weigh the same."""
-    return plain(replace(request, faint=False), *rest, **more)
+    return plain(replace(request, faint_glint=False), *rest, **more)
 
 
 def first(plain: Callable[..., list[int]], *sizes: Any) -> list[int]:

@@ -323,5 +323,5 @@ def _do(job: Job, config: BatchConfig, threads: int) -> Outcome:
     except Exception as error:  # noqa: BLE001  (one bad scene does not stop the rest)
         fault = "" if isinstance(error, DeglintError) else f" ({type(error).__name__}, a fault of deglint's own)"
         return job.ended(FAILED, " ".join(str(error).split()) + fault)
-    share, method = result.tally.corrected / result.tally.total, result.fitted.model.method
+    share, method = result.counts.corrected / result.counts.total, result.fitted.model.method
     return job.ended(DONE, method=method, corrected=share, warnings=len(result.warnings))

@@ -20,7 +20,7 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     info = describe_file(str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
         before, after = (thinned(source, scene.shape, bands) for source in (scene.source, corrected))
-    after_what = f"after {model.method}" if model.fits else "unchanged"
+    after_what = f"after {model.method}" if model.fits else "copied"
     titles = f"before ({', '.join(scene.bands[b].name for b in bands)})", after_what
     left, right = (_titled(*part) for part in zip(natural_colour([before, after]), titles, strict=True))
     _ok, png = cv2.imencode(".png", np.hstack([left, np.full((len(left), 6, 3), 255, np.uint8), right])[..., ::-1])

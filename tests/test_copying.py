@@ -44,7 +44,7 @@ def test_pixels_are_copied(calm, tmp_path, options):
     source, out = calm(**options), tmp_path / "out.tif"
     result = remove_glint(source, out, CALM)
     assert same_pixels(source, out)
-    assert result.tally.corrected == 0
+    assert result.counts.corrected == 0
     said = json.loads(Path(f"{out}.json").read_text())
     assert said["pixels"]["total"] == 320 * 300
     assert said["pixels"]["nodata"] == 2000
@@ -56,14 +56,14 @@ def test_log_and_picture_say_that_nothing_was_corrected(calm, tmp_path, caplog, 
     monkeypatch.setattr("cv2.putText", lambda _image, title, *_: titles.append(title))
     with caplog.at_level("INFO", "deglint"):
         remove_glint(calm(), tmp_path / "out.tif", CALM, picture=tmp_path / "p.png")
-    assert titles == ["before (red, green, blue)", "unchanged"]
+    assert titles == ["before (red, green, blue)", "copied"]
     assert "method: none, the scene is copied" in caplog.messages
 
 
 def test_amount_and_flags_are_zero_where_nothing_is_corrected(calm, read, tmp_path):
     source = calm()
     result = remove_glint(source, tmp_path / "out.tif", CALM, amount=tmp_path / "a.tif", flags=tmp_path / "f.tif")
-    assert result.tally.corrected == 0
+    assert result.counts.corrected == 0
     amount, flags = read(tmp_path / "a.tif"), read(tmp_path / "f.tif")[0]
     hole = np.zeros((320, 300), bool)
     hole[:40, :50] = True
@@ -119,7 +119,7 @@ def test_a_tile_without_a_valid_pixel_skips_the_chain(write, read, tmp_path, mon
     out = read(tmp_path / "out.tif")
     assert np.isnan(out[:, :, :1200]).all()
     assert (out[:, :, 1200:] != raw[:, :, 1200:]).any()
-    assert result.tally.nodata == 512 * 1200
+    assert result.counts.nodata == 512 * 1200
 
 
 def test_a_scene_that_is_copied_has_an_empty_sample(write, tmp_path):

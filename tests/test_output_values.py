@@ -111,8 +111,8 @@ def test_nodata_as_a_number_passes_and_nothing_becomes_it(sea, write, read, tmp_
     result = remove_glint(write(tmp_path / "in.tif", raw, nodata=nodata), tmp_path / "out.tif", HEDLEY)
     out = read(tmp_path / "out.tif")
     np.testing.assert_array_equal(out == nodata, raw == nodata)
-    assert result.tally.nodata == np.count_nonzero(raw[3] == nodata)
-    assert result.tally.corrected == raw[3].size - result.tally.nodata
+    assert result.counts.nodata == np.count_nonzero(raw[3] == nodata)
+    assert result.counts.corrected == raw[3].size - result.counts.nodata
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert dataset.nodata == nodata
 
@@ -131,7 +131,7 @@ def test_a_corrected_number_moves_off_nodata(dtype):
         np.testing.assert_allclose(raw, values, rtol=1e-6, atol=1e-30)
 
 
-def test_pixels_whose_nir_is_nodata_pass_unchanged(sea, write, read, tmp_path):
+def test_pixels_whose_nir_is_nodata_are_copied(sea, write, read, tmp_path):
     raw = sea(dtype="float32")
     raw[3, 10:20] = np.nan
     raw[0, 30:40] = np.nan
@@ -145,7 +145,7 @@ def test_pixels_whose_nir_is_nodata_pass_unchanged(sea, write, read, tmp_path):
     assert out[1, 50, 50] == np.inf
     assert (out[1, 30:40] != raw[1, 30:40]).all()
     np.testing.assert_array_equal(np.isfinite(out), np.isfinite(raw))
-    assert result.tally.nodata == 1001
+    assert result.counts.nodata == 1001
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert np.isnan(dataset.nodata)
 
@@ -167,7 +167,7 @@ def test_a_mask_is_kept_and_says_what_is_not_valid(sea, write, read, tmp_path, i
         np.testing.assert_array_equal(dataset.read_masks(), np.broadcast_to(mask, raw.shape))
         out = dataset.read()
     np.testing.assert_array_equal(out[:, mask == 0], raw[:, mask == 0])
-    assert result.tally.nodata == np.count_nonzero(mask == 0)
+    assert result.counts.nodata == np.count_nonzero(mask == 0)
     assert (out[:3, mask == 255] != raw[:3, mask == 255]).mean() > 0.5
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif", "out.tif.json"]
 
@@ -356,7 +356,7 @@ def test_flags_say_what_was_done_to_each_pixel(sea, write, read, geojson, tmp_pa
 @pytest.mark.parametrize(
     ("scale", "offset"), [(1.0, 0.0), (1e-4, -0.1), (3e-4, 0.7), (1e-4, 0.0), (2.75e-5, -0.2), (0.0123, 1.0)]
 )
-def test_full_numbers_are_counted_whatever_their_scale(sea, write, tmp_path, scale, offset, compensate):
+def test_saturated_values_are_counted_whatever_their_scale(sea, write, tmp_path, scale, offset, compensate):
     raw = sea()
     full, below = 65535, 65534
     raw[0, 40, 40:47], raw[1, 7, 7], raw[2, 60, 50:53], raw[3, 40, 40:42] = full, below, full, full
@@ -371,7 +371,7 @@ def test_full_numbers_are_counted_whatever_their_scale(sea, write, tmp_path, sca
 
 @pytest.mark.parametrize("compensate", ["off", "identify-level:5, replace-level"])
 @pytest.mark.parametrize("full", [0.3, 0.7])  # as float32 a little more, and a little less
-def test_full_numbers_are_counted_as_they_are_rounded(sea, write, tmp_path, full, compensate):
+def test_saturated_values_are_counted_as_they_are_rounded(sea, write, tmp_path, full, compensate):
     raw = (sea() * 1e-5).clip(0, 0.25).astype(np.float32)
     raw[0, 40, 40:47], raw[1, 7, 7] = full, np.nextafter(np.float32(full), np.float32(0))
     source = write(tmp_path / "in.tif", raw, describe=lambda d: d.update_tags(FULL_SCALE=str(full)))

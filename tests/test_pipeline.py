@@ -96,7 +96,7 @@ def test_two_nir_bands_are_averaged(deglint, sea, write, tmp_path):
     assert index["weights"] == [0.5, 0.5]
 
 
-def test_land_and_cloud_and_nodata_pass_unchanged(sea, write, read, tmp_path):
+def test_land_and_cloud_and_nodata_are_copied(sea, write, read, tmp_path):
     raw = sea(300, 320)
     rng = np.random.default_rng(1)
     land = np.zeros(raw.shape[1:], bool)
@@ -309,7 +309,7 @@ def test_files_that_cover_different_ground_keep_what_is_missing_as_nodata(sea, w
     part = raw[3:, :50]  # the NIR ends after 50 rows
     paths.append(write(tmp_path / "B08.tif", part, names=None))
     result = remove_glint(paths, tmp_path / "out.tif", HEDLEY)
-    assert result.tally.nodata == 30 * 100
+    assert result.counts.nodata == 30 * 100
     assert result.fitted.model.fits[0].n == 50 * 100
     with rasterio.open(tmp_path / "out.tif") as dataset:
         out = dataset.read()

@@ -174,7 +174,7 @@ def test_what_is_not_valid_is_left_out_and_counted():
     [
         ([1.0, 2], [0, 0], "got 0 and 2 valid pixels"),
         ([1.0, 2], [1, 1], "got 2 and 0 valid pixels"),
-        ([1.0, 1], [0, 1], "all 2 scores are 1: they tell nothing apart"),
+        ([1.0, 1], [0, 1], "all 2 scores are 1: they distinguish nothing"),
         ([np.nan, np.nan], [0, 1], r"got 0 and 0 valid pixels \(2 left out"),
         ([1.0, np.nan], [0, 1], r"got 0 and 1 valid pixels \(1 left out"),
         ([1.0, np.inf], [0, 1], "infinity"),

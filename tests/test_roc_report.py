@@ -218,7 +218,7 @@ def test_unknown_truth_is_left_out(files, rxdetect, write):
     assert json.loads(ran.out)["pixels"]["left_out"]["not valid in the truth"] == 800
 
 
-def test_classes_are_told_from_objects(files, rxdetect, write):
+def test_classes_are_distinguished_from_objects(files, rxdetect, write):
     _, _, truth = make_scene()
     write(files / "classes.tif", ((truth + 1) // 2)[None], names=None)
     run = ("roc", files / "first.tif", files / "classes.tif", "--json", "--bootstrap", 0)
@@ -293,7 +293,7 @@ def flat(files, write):
         (numbers_of(lambda t: t * 0), "got 0 and 4760 valid pixels"),
         (numbers_of(lambda t: t * 0 + 1), "got 4760 and 0 valid pixels"),
         (numbers_of(lambda t: t + 0.5), "allowed are 0 and integers"),
-        (flat, "flat: all 4800 scores are 1: they tell nothing apart"),
+        (flat, "flat: all 4800 scores are 1: they distinguish nothing"),
         (lambda files, _: (files / "first.tif", files / "none.tif"), "no such file"),
         (lambda files, _: (files / "none.tif", files / "truth.tif"), "no such file"),
         (lambda files, _: (files / "first.tif", files / "none.geojson"), "no such file"),

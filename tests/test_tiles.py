@@ -264,7 +264,7 @@ def test_the_whole_job_does_not_depend_on_how_pixels_are_stored(sea, write, read
         result, found = outputs_of(source, tmp_path / name, recipe, read)
         if first is None:
             first, expected = result, found
-            assert result.tally.corrected > 100_000
+            assert result.counts.corrected > 100_000
             continue
         assert result.fitted.model == first.fitted.model, name
         assert result.sidecar["pixels"] == first.sidecar["pixels"], name

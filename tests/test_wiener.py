@@ -160,7 +160,7 @@ def test_a_reef_that_the_nir_sees_does_not_teach(faint):
     reef = gaussian_filter(np.random.default_rng(9).normal(size=(192, 156)), 1.5) * 3
     block[:, :, 100:] += (np.array([400.0, 600.0, 300.0, 20.0])[:, None, None] * np.exp(reef)).astype(np.float32)
     every = np.ones((192, 256), np.bool_)
-    request = replace(nir_request(BANDS, [3]), faint=faint)
+    request = replace(nir_request(BANDS, [3]), faint_glint=faint)
     slopes = [f.slope for f in wiener.fit(request, [SampleTile(block, every, every)]).fits]
     np.testing.assert_allclose(slopes, SLOPES[:3].ravel(), rtol=0.1)
     order = [4, 0, 1, 2, 3]  # a file whose SWIR comes first
@@ -169,7 +169,8 @@ def test_a_reef_that_the_nir_sees_does_not_teach(faint):
     bands = (*BANDS, Band("SWIR", 1610.0))
     usual, moved = (
         wiener.fit(
-            replace(nir_request([bands[b] for b in o], [o.index(3)]), faint=faint), [SampleTile(both[o], every, every)]
+            replace(nir_request([bands[b] for b in o], [o.index(3)]), faint_glint=faint),
+            [SampleTile(both[o], every, every)],
         )
         for o in ([0, 1, 2, 3, 4], order)
     )

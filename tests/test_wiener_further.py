@@ -34,16 +34,16 @@ def parts(block):
 
 def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_sees():
     request, tiles = parts(sparkle_over_bottom()[0])
-    assert more_references(replace(request, faint=True), tiles) == (2,)
+    assert more_references(replace(request, faint_glint=True), tiles) == (2,)
     request, tiles = parts(sparkle_over_bottom(bottom=6.0)[0])
-    assert more_references(replace(request, faint=True), tiles) == ()
+    assert more_references(replace(request, faint_glint=True), tiles) == ()
 
 
 def test_a_red_edge_band_does_not_serve_over_a_bottom_that_is_weaker_than_its_noise():
     noise = 5 * np.random.default_rng(9).normal(size=(4, 192, 192)).astype(np.float32)
     block, water = sparkle_over_bottom(bottom=40.0)
     request, tiles = parts(block + noise)
-    request = replace(request, faint=True)
+    request = replace(request, faint_glint=True)
     without, more = (wiener.fit(replace(request, more=m), tiles) for m in ((), (2,)))
     errors = [np.std((remove.apply(tiles[0].block, m) - water)[1]) for m in (without, more)]
     assert errors[1] > 1.2 * errors[0]
@@ -89,13 +89,13 @@ def test_a_plume_survives_a_fit_with_it():
     results = []
     for image in (block, (block + plume).astype(np.float32)):
         request, tiles = parts(image)
-        model = wiener.fit(replace(request, more=more_references(request, tiles), faint=True), tiles)
+        model = wiener.fit(replace(request, more=more_references(request, tiles), faint_glint=True), tiles)
         results.append(remove.apply(image, model))
     kept = (results[1] - results[0])[1, 66:126, 66:126].mean() / plume[1, 66:126, 66:126].mean()
     assert kept == pytest.approx(1, abs=0.1)
 
 
-@pytest.mark.parametrize("options", [{"more": (2,)}, {"more": (2,), "faint": True}])
+@pytest.mark.parametrize("options", [{"more": (2,)}, {"more": (2,), "faint_glint": True}])
 def test_a_tile_with_its_halo_is_the_whole_to_the_bit(options):
     block, _ = sparkle_over_bottom()
     request, tiles = parts(block)
@@ -111,7 +111,7 @@ def test_sparkle_on_water_whose_noise_rounding_hides_is_followed():
     nir = 10 + gaussian_filter(sparkle, 0.5)
     block = np.rint([60 + 0.9 * sparkle, 40 + 0.95 * sparkle, 20 + sparkle, nir]).astype(np.float32)
     every = np.ones(sparkle.shape, bool)
-    model = wiener.fit(replace(nir_request(BANDS, [3]), faint=True), [SampleTile(block, every, every)])
+    model = wiener.fit(replace(nir_request(BANDS, [3]), faint_glint=True), [SampleTile(block, every, every)])
     np.testing.assert_allclose([f.slope for f in model.fits], [0.9, 0.95, 1], rtol=0.05)
 
 
@@ -122,7 +122,7 @@ def test_faint_glint_is_followed_better_than_strong():
     faint = (block[3] > 10) & (block[3] < 40)
     wrong = []
     for some in (False, True):
-        model = wiener.fit(replace(request, faint=some), tiles)
+        model = wiener.fit(replace(request, faint_glint=some), tiles)
         model = replace(model, fits=tuple(replace(f, floor=None) for f in model.fits))  # a fit to faint glint has none
         wrong.append(remove.apply(block, model)[0] - water[0])
     assert np.std(wrong[1][faint]) < 0.9 * np.std(wrong[0][faint])
@@ -140,7 +140,7 @@ def test_strong_glint_leaves_no_pixel_darker_than_water_with_little_glint():
     least = np.array([f.floor for f in model.fits])
     assert (left >= np.minimum(block[:3], 0.999 * least[:, None, None])).all()
     assert (least > 0).all()
-    assert all(f.floor is None for f in wiener.fit(replace(request, faint=True), tiles).fits)
+    assert all(f.floor is None for f in wiener.fit(replace(request, faint_glint=True), tiles).fits)
     assert (left <= block[:3]).all()
     assert left[0, 90:98, 90:98].mean() - np.median(left[0]) == pytest.approx(-30, abs=4)
 

@@ -279,7 +279,7 @@ def _run(
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
     """Raise FitError if a fitted candidate changes nothing, removes mirrored sky (see `_refuse_sky` with `fine` as
-    unit; None: not tested), or has a posterior mean that cannot tell residual glint from water.
+    unit; None: not tested), or has a posterior mean that cannot distinguish residual glint from water.
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))

@@ -249,8 +249,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
         middle, about = mode_and_spread(values) if clear is None else median_and_spread(values[clear[b]])
         about = max(about, float(sigma[b]))
         found.append((middle, about, float((values > middle + COVER_K * about).mean())))
-    offsets, sigmas, cover = zip(*found, strict=True)
-    stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
+    offsets, sigmas, shares = zip(*found, strict=True)
+    stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(shares)))
     return replace(stage, cut=tuple((HALF_NORMAL * max(1 - RAISED * stage.cover, 0) * sigma * unit).tolist()))
 
 

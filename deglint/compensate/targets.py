@@ -81,7 +81,7 @@ class Targets:
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: tuple[int, ...] = ()  # index into `following` for each band but the first
     first: tuple[float, ...] = field(default=(), repr=False)  # log probability of each bin in the first band
-    following: tuple[tuple[float, ...], ...] = field(default=(), repr=False)  # of each bin, given the band before
+    following: tuple[tuple[float, ...], ...] = field(default=(), repr=False)  # same, given the bin in the band before
     threshold: float = 0.0  # least score of 3 x 3 pixels (see `Excess.scores`) of a target
     reason: str = ""  # why there is no test, else empty
 
@@ -284,9 +284,9 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     later = int(np.diff(t).round(6).argmax()) + 1  # after the longest pause
     # with later bands displaced, brightness stays the same by chance only
     displaced = pixels([np.concatenate([e[:later], np.roll(e[later:], DISPLACEMENTS, (1, 2))]) for e in planes])
-    lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(stage.binned(displaced), stage)[-1].mean())
+    persistence = max(extrapolated(steady(q, stage).mean(axis=1)), steady(stage.binned(displaced), stage)[-1].mean())
     rate = number or RATE
-    threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
+    threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(persistence / (SPECTRA_ALIKE * rate), 1))
     lit = excess[:, (excess > EXCEEDS * np.array(stage.noise, np.float32)[:, None]).all(axis=0)]
     flashes = stage.flashes(), stage.flashes(spectra.NO_CHANGE)
     frequent = spectra.lasting_flashes(lit, stage.sparkle(lit), stage.models, *flashes).sum() / excess.shape[1]
@@ -345,14 +345,14 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     single /= single.sum()
     off = np.abs(np.abs(t[pairs[:, 0]] - t[pairs[:, 1]]) - np.diff(t)[:, None])  # (step, pair) [s]
     nearest = [tuple(np.flatnonzero(row < row.min() + 1e-3)) for row in off]
-    distinct, following = list(dict.fromkeys(nearest)), []
+    distinct, transitions = list(dict.fromkeys(nearest)), []
     for same in distinct:
         i, j = (np.concatenate(q[pairs[list(same), k]]) for k in (0, 1))
         both = np.bincount(i * EXCESS_BINS + j, minlength=EXCESS_BINS**2).reshape(EXCESS_BINS, -1).astype(np.float64)
         both = cv2.sepFilter2D(both, -1, smooth, smooth, borderType=cv2.BORDER_REPLICATE) + 5 * single
-        following.append(tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist()))
+        transitions.append(tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist()))
     tables, first = tuple(map(distinct.index, nearest)), tuple(np.log(single).tolist())
-    return replace(stage, tables=tables, first=first, following=tuple(following))
+    return replace(stage, tables=tables, first=first, following=tuple(transitions))
 
 
 def lasting_share(q: Places, stage: Targets) -> float:

@@ -103,7 +103,7 @@ class Result:
 
     Attributes
     ----------
-    fitted, tally : Fitted, PixelCounts
+    fitted, counts : Fitted, PixelCounts
         What was fitted to the scene, and the numbers of corrected and of other pixels.
     sidecar, warnings : dict, tuple of str
         Content of the sidecar, and the warnings in it.
@@ -112,13 +112,13 @@ class Result:
     """
 
     fitted: Fitted
-    tally: PixelCounts
+    counts: PixelCounts
     sidecar: dict[str, Any]
     warnings: tuple[str, ...]
     scene: Scene
 
     def __repr__(self) -> str:
-        pixels = f"{self.tally.corrected} of {self.tally.total} pixels"
+        pixels = f"{self.counts.corrected} of {self.counts.total} pixels"
         bands = ", ".join(self.changed) or "none"
         return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
 
@@ -145,15 +145,15 @@ def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
     log.info("bands %s", "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some))
     for warning in said["warnings"][len(fitted.model.warnings) :]:  # the model's were logged when it was fitted
         log.warning("%s", warning)
-    counts = pixels["corrected"], pixels["total"], said["seconds"]
-    log.info("%s: %d of %d pixels corrected in %.2f s", said["output"], *counts)
+    numbers = pixels["corrected"], pixels["total"], said["seconds"]
+    log.info("%s: %d of %d pixels corrected in %.2f s", said["output"], *numbers)
 
 
 def sidecar(
-    scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
+    scene: Scene, fitted: Fitted, targets: Outputs, counts: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
     """Content of the sidecar, as nested dictionaries; `seconds` is the duration of the run."""
-    by_band = partial(tally.by_band, names=scene.names)
+    by_band = partial(counts.by_band, names=scene.names)
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -168,9 +168,9 @@ def sidecar(
         "sample": fitted.sampled,
         "choice": fitted.choice.numbers() if fitted.choice else None,
         "compensation": fitted.chain.numbers(),
-        "skipped": _skipped(fitted, scene.names, tally),
+        "skipped": _skipped(fitted, scene.names, counts),
         "pixels": {
-            **{k: getattr(tally, k) for k in ("total", "nodata", "not_water", "corrected", "protected")},
+            **{k: getattr(counts, k) for k in ("total", "nodata", "not_water", "corrected", "protected")},
             "changed": {name: n for name, n in by_band("changed").items() if n},
             "replaced": by_band("replaced"),
             "negative_after": by_band("negative"),
@@ -178,7 +178,7 @@ def sidecar(
             "clipped": by_band("clipped"),
         },
         "notes": [*scene.notes, *fitted.notes],
-        "warnings": [*fitted.model.warnings, *_doubts(scene, tally)],
+        "warnings": [*fitted.model.warnings, *_doubts(scene, counts)],
         "seconds": round(seconds, 3),
     }
 
@@ -192,7 +192,7 @@ def _resolved(fitted: Fitted) -> dict[str, object]:
     return recipe | {"regression": model.regression, "nir": nir, "bands": bands}
 
 
-def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
+def _skipped(fitted: Fitted, names: Sequence[str], counts: PixelCounts) -> dict[str, str]:
     """Reasons why water was not searched for (key "water mask"), and why bands were not corrected (key: band name)."""
     out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
@@ -200,9 +200,9 @@ def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[s
     elif fitted.recipe.mask != "auto":
         out["water mask"] = f"given: {fitted.recipe.mask}"
     elif fitted.water is None:
-        out["water mask"] = "no visible band to tell water by: every valid pixel is corrected"
+        out["water mask"] = "no visible band to determine water from: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
-    for i, (name, pixels) in enumerate(tally.by_band("changed", names).items()):
+    for i, (name, pixels) in enumerate(counts.by_band("changed", names).items()):
         if i not in corrected:
             reason = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
             replaced = f"no glint removed, {pixels} pixels replaced by compensation"
@@ -218,12 +218,12 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), "numpy": np.__version__} | gdal
 
 
-def _doubts(scene: Scene, tally: PixelCounts) -> list[str]:
+def _doubts(scene: Scene, counts: PixelCounts) -> list[str]:
     """Warnings: bands that are not registered; numbers of pixels per band below zero, or clipped to integers."""
     said = [note for note in scene.notes if note == UNREGISTERED]
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
-        if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, scene.names).items() if n):
-            said.append(f"pixels {what} (of {tally.corrected} corrected): {bands}")
+        if bands := ", ".join(f"{name} {n}" for name, n in counts.by_band(kind, scene.names).items() if n):
+            said.append(f"pixels {what} (of {counts.corrected} corrected): {bands}")
     return said
 
 

@@ -184,8 +184,8 @@ def sampler_of(job: Job) -> Sampler:
     if sample == "auto":
         if overview.water is None:
             raise FitError(
-                "a sample cannot be found without a visible band to tell water by. Pass --sample FILE.geojson, a "
-                "window, or --sample all."
+                "a sample cannot be found without a visible band to determine water from. Pass --sample FILE.geojson, "
+                "a window, or --sample all."
             )
         rule = fit_sample(read_tiles(scene, overview.tiles, overview.bands, job.threads), overview.water)
         numbers = {"rule": rule.numbers(), "tiles": len(overview.tiles)}

@@ -166,9 +166,9 @@ def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, check
     scene = work.scene
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:
-        tally = _write_tiles(scratch, work, targets, sky, run)
-        if tally.corrected == 0 and fitted.model.fits:
-            why = "every pixel is nodata" if tally.nodata == tally.total else "no pixel is water inside the mask"
+        counts = _write_tiles(scratch, work, targets, sky, run)
+        if counts.corrected == 0 and fitted.model.fits:
+            why = "every pixel is nodata" if counts.nodata == counts.total else "no pixel is water inside the mask"
             raise NoWaterError(f"nothing to correct in {scene.path}: {why}. Check --nodata and --mask.")
         if targets.sample:
             write_json(scratch, targets.sample, fitted.sample)
@@ -188,7 +188,7 @@ def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, check
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
     log_result(scene, fitted, said)
-    return Result(fitted, tally, said, tuple(said["warnings"]), scene)
+    return Result(fitted, counts, said, tuple(said["warnings"]), scene)
 
 
 def _write_tiles(scratch: Scratch, work: Correction, targets: Outputs, sky: SkyGlint, run: Run) -> PixelCounts:

@@ -161,8 +161,8 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
         replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
         inner = offshore(tiles, background.size)
         return mixture.fit(job.request, inner, background.clear, background.cut if replaced else None)
-    request = replace(_of_kernels(job), faint=chain.text != "remove")
-    if request.faint:  # the fit expects the posterior mean to remove strong glint
+    request = replace(_of_kernels(job), faint_glint=chain.text != "remove")
+    if request.faint_glint:  # the fit expects the posterior mean to remove strong glint
         request = replace(request, more=more_references(request, tiles))
     return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 

@@ -32,7 +32,7 @@ class FitRequest:
     floor_percentile: float = 0.0  # percentile that is the level [%]; 0: that of the method
     rrs_factor: float = math.pi  # ratio of the values to remote-sensing reflectance [sr]; pi for reflectance
     more: tuple[int, ...] = ()  # 0-based bands that are also references of shorter bands (`deglint.remove.further`)
-    faint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
+    faint_glint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
     resolved: bool = False  # pixels are smaller than waves, so that some have no glint
     sparkle: bool = False  # pixels may resolve sparkle, of which few flashes are very bright
     level_error: bool = True  # estimate the standard error of the level of `wiener`; it takes half the time of a fit

@@ -174,8 +174,8 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
     for r in references:
         edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
         blocks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
-        smooth = request.sparkle and not request.faint  # at coarse pixels, fine waves look like noise
-        rules[r] = fit_reference(blocks, r, edge=edge, sparkle=request.faint or request.sparkle, smooth=smooth)
+        smooth = request.sparkle and not request.faint_glint  # at coarse pixels, fine waves look like noise
+        rules[r] = fit_reference(blocks, r, edge=edge, sparkle=request.faint_glint or request.sparkle, smooth=smooth)
     return rules
 
 
@@ -257,9 +257,9 @@ def _trusted(cleaned: Sequence[_Cleaned], request: FitRequest) -> list[Mask]:
     bottom may be glint, and is not excluded.
     """
     every = inside = [t.sample for t in cleaned]
-    if not (request.faint and request.resolved):
+    if not (request.faint_glint and request.resolved):
         high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in cleaned]
-        if not request.faint:
+        if not request.faint_glint:
             inside = _without_outliers(high, inside)
         if not request.resolved and any(i.any() for i in inside):
             inside = _without_bottom(high, inside, len(cleaned[0].references))
@@ -271,7 +271,7 @@ def _kernel_planes(tile: _Cleaned, sample: Mask, request: FitRequest) -> _Kernel
     flat = np.stack([*tile.references.values(), *tile.bands]).astype(np.float64)
     if request.regression != "ols":
         flat = detrend_plane(flat, sample)
-    weights = {r: faint_weight(tile.references[r], tile.sample) for r in {*request.nir}} if request.faint else {}
+    weights = {r: faint_weight(tile.references[r], tile.sample) for r in {*request.nir}} if request.faint_glint else {}
     return _KernelPlanes(sample, flat, weights)
 
 
@@ -374,7 +374,7 @@ def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned
     green = min(range(len(some)), key=lambda k: abs(waves[k] - 560.0))
     above = np.maximum(sample.prediction[green] - level[green], 0)
     warnings = *model.warnings, *_sheet_warning(interval, float(np.median(sample.value[green] - slopes[green] * above)))
-    least = {} if request.faint else dict(zip(some.tolist(), floors(sample, slopes, level), strict=True))
+    least = {} if request.faint_glint else dict(zip(some.tolist(), floors(sample, slopes, level), strict=True))
     levels = dict(zip(some.tolist(), level.tolist(), strict=True))
     indexes = tuple(replace(i, level=levels.get(k, 0.0)) for k, i in enumerate(model.indexes))
     second = tuple(replace(i, level=levels.get(k, 0.0)) for k, i in enumerate(model.second))

@@ -27,7 +27,7 @@ def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-
     up_factor, cross_factor = np.float32(-0.5 / glint[2]), np.float32(-0.5 / glint[3])
     norm = np.float32(1.0 / (2.0 * math.pi * math.sqrt(glint[2] * glint[3])))
     values, start, per_step = table[0], np.float32(table[1]), np.float32(1.0 / table[2])
-    zero, one, faint, top = np.float32(0.0), np.float32(1.0), np.float32(-50.0), np.float32(values.shape[0] - 1.001)
+    zero, one, least, top = np.float32(0.0), np.float32(1.0), np.float32(-50.0), np.float32(values.shape[0] - 1.001)
     for r in range(rows[0], rows[1]):
         for c in range(slopes.shape[1]):
             east, north = slopes[r, c].real, slopes[r, c].imag
@@ -38,7 +38,7 @@ def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-
                 up += amplitudes[r, c, 0] * cosine[f] + amplitudes[r, c, 1] * sine[f]
                 cross += amplitudes[r, c, 2] * cosine[f] + amplitudes[r, c, 3] * sine[f]
             power = (up - up_glint) ** 2 * up_factor + (cross - cross_glint) ** 2 * cross_factor
-            density[r, c] = norm * math.exp(power) if power > faint else zero
+            density[r, c] = norm * math.exp(power) if power > least else zero
             x = min(max((up - start) * per_step, zero), top)
             y = min(max((cross - start) * per_step, zero), top)
             i, j = int(x), int(y)

@@ -214,12 +214,12 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
         return recipe, None, known
-    look = overview_of(scene, nir, threads)
-    if look.water is None:
-        raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
-    if not look.water.has_water:
-        raise NoWaterError(look.water.reason)
-    return recipe, None, (look.water, look.bands)
+    overview = overview_of(scene, nir, threads)
+    if overview.water is None:
+        raise InputError("water cannot be determined without a visible band. Give --mask FILE, or --mask none.")
+    if not overview.water.has_water:
+        raise NoWaterError(overview.water.reason)
+    return recipe, None, (overview.water, overview.bands)
 
 
 def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
@@ -233,7 +233,7 @@ def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"
     reasons = (
         (single, "it compares all pixels with one background"),
-        (bands > _MANY, f"{bands} bands tell targets by their spectrum"),
+        (bands > _MANY, f"{bands} bands distinguish targets by their spectrum"),
         (pixels < LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
     )
     return "rx", next((why for holds, why in reasons if holds), "")

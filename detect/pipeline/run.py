@@ -53,7 +53,7 @@ class Result:
 
     Attributes
     ----------
-    tally : PixelCounts
+    counts : PixelCounts
         Number of scored pixels, and number of pixels without a score for each reason.
     background : Background or None
         The background that was fitted or read; None for methods without one background for the whole scene.
@@ -65,7 +65,7 @@ class Result:
         Content of the sidecar.
     """
 
-    tally: PixelCounts
+    counts: PixelCounts
     background: Background | None
     threshold: Threshold | None
     objects: int | None
@@ -74,7 +74,7 @@ class Result:
     def __repr__(self) -> str:
         cut = "" if self.threshold is None else f", {self.threshold}"
         marked = "" if self.objects is None else f", {self.objects} objects"
-        return f"Result({self.tally.scored} of {self.tally.total} pixels scored{cut}{marked})"
+        return f"Result({self.counts.scored} of {self.counts.total} pixels scored{cut}{marked})"
 
 
 @checked_keywords(*READING, *FILES, "overwrite", "options")
@@ -167,10 +167,10 @@ def _run(
     for note in notes:
         log.info("%s", note)
     with Scratch(overwrite=targets.overwrite) as scratch:
-        tally, tail, beside = _write_tiles(scratch, plan, targets, run, progress)
-        if not tally.scored:
-            outside = "every pixel is nodata" if tally.masked_out < tally.total else "no pixel lies inside the mask"
-            why = "no ring holds two valid pixels" if tally.too_few else outside
+        counts, tail, beside = _write_tiles(scratch, plan, targets, run, progress)
+        if not counts.scored:
+            outside = "every pixel is nodata" if counts.masked_out < counts.total else "no pixel lies inside the mask"
+            why = "no ring holds two valid pixels" if counts.too_few else outside
             if recipe.method == "lines":
                 why = "no line comes after 4 valid pixels per band in other lines (--method rx scores a single line)"
             raise NoWaterError(f"nothing to score in {scene.path}: {why}. Check --nodata and --mask.")
@@ -183,17 +183,17 @@ def _run(
             log.info("%s", threshold)
         if targets.background and plan.background:
             write_text(scratch, targets.background, replace(plan.background, names=plan.names).to_json() + "\n")
-        warnings = _warnings_of(plan, threshold, tally)
+        warnings = _warnings_of(plan, threshold, counts)
         for warning in warnings:
             log.warning("%s", warning)
         seconds = round(time.perf_counter() - begun, 3)
-        said = _describe(plan, targets, threshold, tally, checksum)
+        said = _describe(plan, targets, threshold, counts, checksum)
         said |= {"objects": found, "notes": [*scene.notes, *plan.notes, *notes], "warnings": warnings}
         said = plain(said | {"seconds": seconds} | ({"cluster": cluster.numbers()} if cluster else {}))
         write_json(scratch, targets.sidecar, said)
     marked = "" if found is None else f", {found} objects"
-    log.info("%s: %d of %d pixels scored%s in %.2f s", targets.image, tally.scored, tally.total, marked, seconds)
-    return Result(tally, plan.background, threshold, found, said)
+    log.info("%s: %d of %d pixels scored%s in %.2f s", targets.image, counts.scored, counts.total, marked, seconds)
+    return Result(counts, plan.background, threshold, found, said)
 
 
 def _write_tiles(
@@ -204,19 +204,19 @@ def _write_tiles(
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
     work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags))
-    tally, tails, beside = PixelCounts(), list[Tail](), list[dict[int, Places]]()
+    counts, tails, beside = PixelCounts(), list[Tail](), list[dict[int, Places]]()
     with writing_all(scratch, _images(plan, targets)) as writers:
         told = partial(progress, "score")
         for tile, scored in run(plan.tiles, work, threads=plan.threads, progress=told, start=enter_thread):
             for what, writer in writers.items():
                 writer.write(getattr(scored, what), tile.window)
-            tally.add(scored.tally)
+            counts.add(scored.counts)
             beside += [scored.beside] if scored.beside else []
             tails += [scored.tail] if scored.tail else []
             if sum(len(tail.values) for tail in tails) > 2 * keep:
                 tails = [Tail.merge(tails)]
     attached = {which: joined([each[which] for each in beside]) for which in (beside[0] if beside else ())}
-    return tally, Tail.merge(tails) if tails else None, attached
+    return counts, Tail.merge(tails) if tails else None, attached
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
@@ -237,7 +237,7 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
 
 
 def _describe(
-    plan: Plan, targets: Outputs, threshold: Threshold | None, tally: PixelCounts, checksum: Checksum
+    plan: Plan, targets: Outputs, threshold: Threshold | None, counts: PixelCounts, checksum: Checksum
 ) -> dict[str, Any]:
     """Versions, inputs, options and results, for the sidecar; `_run` adds objects, notes, warnings and time."""
     recipe = asdict(plan.recipe) | {"bands": plan.names, "nir": [plan.names[b] for b in plan.nir]}
@@ -258,7 +258,7 @@ def _describe(
         "water": plan.water[0].numbers() if plan.water else None,
         "sea": plan.model.numbers() if plan.model else None,
         "threshold": asdict(threshold) if threshold else None,
-        "pixels": asdict(tally),
+        "pixels": asdict(counts),
     }
 
 
@@ -279,7 +279,7 @@ def _notes_on(plan: Plan) -> list[str]:
     return notes
 
 
-def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) -> list[str]:
+def _warnings_of(plan: Plan, threshold: Threshold | None, counts: PixelCounts) -> list[str]:
     """Warnings about the reliability of the scores, one line each."""
     said = []
     if background := plan.background:
@@ -290,9 +290,9 @@ def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) ->
                 f"the background has {background.n} pixels for {background.bands} bands: scores follow F, "
                 "not chi-squared (--threshold f), or take --covariance ledoit-wolf"
             )
-    for count, state in zip((tally.deficient, tally.too_few), STATES, strict=True):
+    for count, state in zip((counts.deficient, counts.too_few), STATES, strict=True):
         if count:
-            said.append(f"{count} of {tally.total} pixels: {STATES[state]}")
+            said.append(f"{count} of {counts.total} pixels: {STATES[state]}")
     if threshold is not None:
         said += threshold.notes
     if line := _removal_without_effect(plan):

@@ -58,7 +58,7 @@ class Scored:
     """Results of one tile; rasters are (row, column)."""
 
     scores: Float32
-    tally: PixelCounts
+    counts: PixelCounts
     tail: Tail | None = None  # the highest scores, if a threshold is requested; for "sea" without those of ALONGSIDE
     p_values: Float32 | None = None
     flags: Uint8 | None = None  # bits of `MEANINGS`
@@ -114,12 +114,12 @@ class Scoring:
         tail = Tail.of(afloat, self.keep) if self.keep else None
         marks = ((valid & (classes == which), bit) for which, bit in _SEA_FLAGS.items())
         flags = _flags(valid, marks) if self.want_flags else None
-        tally = _count(scores, np.isfinite(scores) | ~valid, np.zeros_like(classes))
+        counts = _count(scores, np.isfinite(scores) | ~valid, np.zeros_like(classes))
         beside = {}
         for which in (ALONGSIDE, ATTACHED):
             rows, columns = np.nonzero((classes == which) & np.isfinite(scores))
             beside[which] = rows + tile.row0, columns + tile.col0, scores[rows, columns]
-        return Scored(scores, tally, tail, None, flags, beside)
+        return Scored(scores, counts, tail, None, flags, beside)
 
 
 def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:

@@ -96,7 +96,7 @@ class Roc:
         if not (np.isfinite(low) and np.isfinite(high)):
             raise InputError("scores hold infinity; allowed are finite numbers, and NaN where a pixel is not valid.")
         if low == high:
-            raise InputError(f"all {len(targets) + len(background)} scores are {low:g}: they tell nothing apart.")
+            raise InputError(f"all {len(targets) + len(background)} scores are {low:g}: they distinguish nothing.")
         return cls(targets, background, left_out)
 
     @cached_property

@@ -433,7 +433,7 @@ def test_tiny_scenes(tmp_path, sea, write, size, method, rxdetect):
 def test_from_python(scene, tmp_path):
     result = score_file(scene, tmp_path / "out.tif", Recipe(method="rx", bands=("1", "2")), threads=2)
     assert (result.background.names, result.threshold, result.objects) == (("blue", "green"), None, None)
-    assert result.tally.scored == 200 * 230 - 100
+    assert result.counts.scored == 200 * 230 - 100
 
 
 LOCAL = 'LOCAL_CS["site",UNIT["metre",1]]'
