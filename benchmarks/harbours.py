@@ -114,7 +114,7 @@ def targets(folder: Path) -> None:
 
 
 def _places(sea: Mask) -> list[tuple[slice, slice]]:
-    """Where targets stand: on a grid, 8 pixels from land, and few: a thousandth of the water may not be things."""
+    """Places of targets: on a grid, 8 pixels from land; few, to cover at most a thousandth of the water."""
     corners = [
         (row, column)
         for row in range(20, sea.shape[0] - 20, STEP)

@@ -30,7 +30,7 @@ def test_a_stray_first_pixel_of_a_cell_costs_the_mean_no_digits():
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_detrending_keeps_its_digits_under_an_offset(dtype):
-    block = (sea(40, 40) * 64).astype(dtype)  # whole numbers: the offset rounds nothing
+    block = (sea(40, 40) * 64).astype(dtype)  # integers: the offset rounds nothing
     offset = dtype(2.0**23) if dtype is np.float32 else 1e8
     np.testing.assert_array_equal(detrend(block + offset, size=9), detrend(block, size=9))
     constant = np.full((1, 20, 20), 0.1, dtype)
@@ -85,7 +85,7 @@ def test_float16_is_scored():
     np.testing.assert_allclose(found, local_rx(block.astype(np.float32), inner=3, outer=9), rtol=1e-5)
 
 
-def test_nearly_equal_detectors_are_told_apart():
+def test_nearly_equal_detectors_are_distinguished():
     background = np.arange(1_000_000)
     truth = np.arange(1_000_010) < 10
     first = np.concatenate([np.full(10, 2e6), background])

@@ -85,7 +85,7 @@ def test_without_a_handler_nothing_is_printed(sea, write, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_time_left_is_told_by_the_tiles_that_are_finished(monkeypatch, caplog):
+def test_time_left_follows_from_the_tiles_that_are_finished(monkeypatch, caplog):
     clock = iter([0.0, 10.0, 10.0, 50.0, 50.0, 50.0, 60.0, 60.0, 99.0, 99.0])
     monkeypatch.setattr(timing.time, "monotonic", lambda: next(clock))
     report = timing.Reporter()

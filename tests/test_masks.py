@@ -39,7 +39,7 @@ def sparkling_sea(shape=(256, 256), seed=2):
 
 
 def put(scene, where, spectrum, texture=0.0, seed=3):
-    """Paint a thing over the scene."""
+    """Paint a part of the scene with a spectrum."""
     rows, columns = np.nonzero(where)
     factor = np.random.default_rng(seed).lognormal(0, texture, rows.size) if texture else 1.0
     scene[:, rows, columns] = np.asarray(spectrum)[:, None] * factor
@@ -53,10 +53,10 @@ REEF = (0.14, 0.13, 0.05, 0.008)
 
 @pytest.fixture
 def coast():
-    """Sea with land, a cloud, a line of foam, a submerged reef and three boats; what is what."""
+    """Sea with land, a cloud, a line of foam, a submerged reef and three boats; the mask of each."""
     scene = open_water()
     rows, columns = np.mgrid[:200, :240]
-    things = {
+    parts = {
         "land": columns < 40 + 5 * np.sin(rows / 9),
         "cloud": (rows - 40) ** 2 + (columns - 190) ** 2 < 20**2,
         "foam": (abs(rows - 150 - columns // 8) < 2) & (columns > 60) & (columns < 120),
@@ -64,35 +64,35 @@ def coast():
         "boats": np.zeros((200, 240), bool),
     }
     for r, c in ((20, 90), (70, 140), (110, 200)):
-        things["boats"][r : r + 3, c : c + 2] = True
-    put(scene, things["land"], LAND, 0.25)
-    put(scene, things["reef"], REEF, 0.2)
+        parts["boats"][r : r + 3, c : c + 2] = True
+    put(scene, parts["land"], LAND, 0.25)
+    put(scene, parts["reef"], REEF, 0.2)
     for name, spectrum in (("cloud", CLOUD), ("foam", FOAM), ("boats", (0.2, 0.2, 0.2, 0.2))):
-        put(scene, things[name], spectrum)
-    return scene, things
+        put(scene, parts[name], spectrum)
+    return scene, parts
 
 
-def solid(things):
-    return things["land"] | things["cloud"] | things["foam"] | things["boats"]
+def solid(parts):
+    return parts["land"] | parts["cloud"] | parts["foam"] | parts["boats"]
 
 
 # ------------------------------------------------------------------------------------------------ truth
-def test_a_coast_is_told_apart_to_the_pixel(coast):
-    scene, things = coast
+def test_a_coast_is_distinguished_to_the_pixel(coast):
+    scene, parts = coast
     rule = fit_water([scene], ROLES, pixel=10.0)
-    np.testing.assert_array_equal(water(scene, rule), ~solid(things))
+    np.testing.assert_array_equal(water(scene, rule), ~solid(parts))
     assert rule.window == 1
     assert not rule.all_water
-    assert rule.water_fraction == pytest.approx((~solid(things)).mean())
+    assert rule.water_fraction == pytest.approx((~solid(parts)).mean())
 
 
 def test_the_sample_is_deep_water_away_from_everything(coast):
-    scene, things = coast
+    scene, parts = coast
     import cv2
 
     rule = fit_sample([scene], fit_water([scene], ROLES, pixel=10.0))
     sample = deep_water(scene, rule)
-    near = cv2.dilate((solid(things) | things["reef"]).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    near = cv2.dilate((solid(parts) | parts["reef"]).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     assert rule.pixels == sample.sum() > 2000
     assert not (sample & near).any()
     assert rule.r_squared > 0.8
@@ -115,7 +115,7 @@ def test_a_coast_under_any_waves(seed):
     assert found[~land].mean() > 0.9997  # the brightest crests may be lost
 
 
-def test_land_is_told_by_the_valley_where_bands_are_not_calibrated():
+def test_land_is_distinguished_by_the_valley_where_bands_are_not_calibrated():
     scene = open_water(glint=0.02)
     land = np.arange(240) < 80
     put(scene, np.broadcast_to(land, (200, 240)), LAND, texture=0.2)
@@ -176,9 +176,9 @@ def test_all_water_and_no_water():
 
 @pytest.mark.parametrize("roles", [Roles(nir=3, green=1), Roles(nir=3, blue=0), Roles(nir=3, red=2)])
 def test_one_visible_band_will_do(coast, roles):
-    scene, things = coast
+    scene, parts = coast
     rule = fit_water([scene], roles, pixel=10.0)
-    assert (water(scene, rule) != ~solid(things)).mean() < 0.002
+    assert (water(scene, rule) != ~solid(parts)).mean() < 0.002
     assert deep_water(scene, fit_sample([scene], rule)).sum() > 2000
 
 
@@ -227,7 +227,7 @@ def test_tiles_are_the_whole_under_sparkle():
 
 
 def test_nan_is_never_true_and_input_is_left_alone(coast):
-    scene, things = coast
+    scene, parts = coast
     scene[3, 100:, :] = np.nan
     scene[0, :50, 100:] = np.nan
     before = scene.copy()
@@ -237,14 +237,14 @@ def test_nan_is_never_true_and_input_is_left_alone(coast):
     for mask in (water(scene, rule), deep_water(scene, sample)):
         assert mask.dtype == bool
         assert not mask[invalid].any()
-    assert (water(scene, rule) != (~solid(things) & ~invalid)).sum() <= 1
+    assert (water(scene, rule) != (~solid(parts) & ~invalid)).sum() <= 1
     np.testing.assert_array_equal(scene, before)
 
 
 def test_tiles_of_the_scene_will_do_for_a_look(coast):
-    scene, things = coast
+    scene, parts = coast
     looks = [scene[:, r : r + 64, c : c + 64] for r in (0, 100) for c in (0, 90, 170)]
-    assert (water(scene, fit_water(looks, ROLES, pixel=10.0)) != ~solid(things)).sum() <= 1
+    assert (water(scene, fit_water(looks, ROLES, pixel=10.0)) != ~solid(parts)).sum() <= 1
 
 
 def test_rules_are_plain_numbers(coast):
@@ -314,10 +314,10 @@ def test_hard_inputs_give_a_sample_or_say_why_not(name):
 
 
 def test_blocks_without_pixels_or_water_are_passed_over(coast):
-    scene, things = coast
+    scene, parts = coast
     looks = [scene, scene[:, :0], scene[:, :30, :20], np.full((4, 20, 20), np.nan)]
     rule = fit_water(looks, ROLES, pixel=10.0)
-    np.testing.assert_array_equal(water(scene, rule), ~solid(things))
+    np.testing.assert_array_equal(water(scene, rule), ~solid(parts))
     sample = fit_sample(looks, rule)
     for block in looks[1:]:
         assert not deep_water(block, sample).any()
@@ -488,7 +488,7 @@ def test_land_that_the_looks_have_missed_is_land():
 
 
 @pytest.mark.parametrize("step", [0.002, 0.005])
-def test_coarse_whole_numbers_do_not_cut_the_water(step):
+def test_coarse_integers_do_not_cut_the_water(step):
     scene = np.round(open_water(glint=0.002) / step)
     assert fit_water([scene], ROLES, pixel=10.0).water_fraction > 0.999
     put(scene, np.indices((200, 240))[1] > 200, np.array(LAND) / step, 0.2)

@@ -58,7 +58,7 @@ def test_new_outputs_are_taken_away_again(deglint, sea, write, tmp_path, monkeyp
     assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
 
 
-def test_what_cannot_be_put_back_is_said(tmp_path, monkeypatch, old):
+def test_files_that_cannot_be_restored_are_named(tmp_path, monkeypatch, old):
     whole, calls = Path.replace, []
 
     def replace(self, target):

@@ -112,7 +112,7 @@ def test_wavelengths_from_names_alone(tmp_path, write, names, expected):
         (["", "nir"], ["", "nir"]),
     ],
 )
-def test_files_of_one_band_are_named_after_what_tells_them_apart(stems, expected):
+def test_files_of_one_band_are_named_after_what_distinguishes_them(stems, expected):
     assert short_names(stems) == expected
 
 

@@ -191,13 +191,13 @@ def test_objects_against_the_monte_carlo():
     rows = np.genfromtxt(path, delimiter=",", names=True, skip_header=1)
     sea = case1(rows["lam"], rows["chl"])
     geometry = (30.0, rows["theta_v"])
-    thing = {"depth": rows["H"], "reflectance": rows["rho"]}
-    alone = water.absorption_only_reflectance(sea, *geometry, **thing)
+    target = {"depth": rows["H"], "reflectance": rows["rho"]}
+    alone = water.absorption_only_reflectance(sea, *geometry, **target)
     np.testing.assert_allclose(alone, rows["iop_a_only"], rtol=2e-3)
     bright = rows["rho"] == 0.15
     truth = (rows["Rrs_mc"] - rows["Rrs_deep_mc"])[bright]
     deep = water.deep_reflectance(sea, *geometry, rows["phi_v"])
-    ours = (water.submerged_reflectance(sea, deep, *geometry, **thing) - deep)[bright]
+    ours = (water.submerged_reflectance(sea, deep, *geometry, **target) - deep)[bright]
     assert np.sqrt(np.mean((ours / truth - 1) ** 2)) < 0.03
     assert np.mean(alone[bright] / truth - 1) == pytest.approx(0.27, abs=0.03)
 

@@ -121,7 +121,7 @@ def test_share_of_bright_facets_is_that_of_the_facet_grid(model, view):
     sun_at = (35.0, 150.0)
     found = Skylight(zenith, azimuth, sun_at, Wind(7.0, 30.0, "cox-munk"), model=model)
     levels = LEVELS[12:90:6]
-    step = LEVELS[1] / LEVELS[0]  # levels are told apart to one step, 6 %
+    step = LEVELS[1] / LEVELS[0]  # levels are distinguished to one step, 6 %
     mean, below = sky_shares(sun_at, view, 7.0, 30.0, levels / step, model=model)
     _, above = sky_shares(sun_at, view, 7.0, 30.0, levels * step, model=model)
     i, j = int(view[0]), int(view[1])

@@ -268,8 +268,8 @@ def test_image_is_truth_and_glint_with_noise(moving):
 
 
 def test_truth_holds_water_sky_and_objects_but_no_glint():
-    thing = square(8.0, 12.0, 6.0, reflectance=0.2, depth=3.0)
-    scene = simulate(replace(SMALL, sky="uniform", objects=(thing,)))
+    patch = square(8.0, 12.0, 6.0, reflectance=0.2, depth=3.0)
+    scene = simulate(replace(SMALL, sky="uniform", objects=(patch,)))
     mirrored = float(sky.reflectance(0.0, 0.0, wind=slopes.wind_at_height(3.0), wind_from=30.0))
     inside = scene.objects == 1
     outside = np.ones_like(inside)
@@ -294,12 +294,12 @@ def test_objects_are_labelled_where_their_corners_say():
 
 
 def test_thesis_array_leaves_the_left_half_free():
-    things = thesis_array((256, 256), 0.25)
-    assert sorted({o.reflectance for o in things}) == [0.02, 0.05, 0.10, 0.20]
-    assert {o.depth for o in things} == {5.0}
-    labels = label(things, (256, 256), 0.25)
+    objects = thesis_array((256, 256), 0.25)
+    assert sorted({o.reflectance for o in objects}) == [0.02, 0.05, 0.10, 0.20]
+    assert {o.depth for o in objects} == {5.0}
+    labels = label(objects, (256, 256), 0.25)
     assert not labels[:, :128].any()
-    areas = [int((labels == n).sum()) for n in range(1, len(things) + 1)]
+    areas = [int((labels == n).sum()) for n in range(1, len(objects) + 1)]
     assert sorted(set(areas)) == [4, 16, 64, 256]
     assert len(thesis_array((32, 32), 0.25)) > 0
 

@@ -51,7 +51,7 @@ def test_f_becomes_chi2_as_the_statistics_become_sure():
 
 
 def test_f_holds_its_rate_where_chi2_does_not():
-    """New Gaussian pixels against statistics of 30 others: the rate is the designed one, chi2's is three times it."""
+    """New Gaussian pixels against statistics of 30 others: F has the requested rate, chi-squared three times that."""
     rng = np.random.default_rng(1)
     bands, n, trials, each = 5, 30, 4000, 10
     background = rng.normal(size=(trials, n, bands))

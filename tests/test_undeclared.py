@@ -151,7 +151,7 @@ def test_arrays_are_settled_too(sea):
 
 # ------------------------------------------------------------------------------------------ the offset of Sentinel-2
 def lost_offset(sea, offset=1000):
-    """Clear water and a coast in whole numbers of reflectance x 10000, as Level-2A has them."""
+    """Clear water and a coast in integers of reflectance x 10000, as Level-2A has them."""
     scene = sea(100, 120, dtype="int32") // 3
     scene[:, :, 90:] = np.array([400, 700, 800, 2500])[:, None, None] + scene[:, :, 90:] // 4
     return (scene + offset).astype("uint16")

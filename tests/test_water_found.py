@@ -160,15 +160,15 @@ def test_land_alone_is_no_water_in_radiance_either(kinds):
 
 
 def test_ships_piers_and_clouds_are_no_water_and_a_reef_is():
-    scene, things = water_of(CLEAR, 3, 0.01).astype(np.float32), np.zeros(SHAPE, bool)
-    things[30:34, 40:52] = things[90:93, 100:103] = things[140:144, :60] = True
-    things |= np.hypot(ROWS - 60, COLUMNS - 150) < 25
+    scene, covered = water_of(CLEAR, 3, 0.01).astype(np.float32), np.zeros(SHAPE, bool)
+    covered[30:34, 40:52] = covered[90:93, 100:103] = covered[140:144, :60] = True
+    covered |= np.hypot(ROWS - 60, COLUMNS - 150) < 25
     reef = (ROWS > 120) & (COLUMNS > 120)
     scene[:, reef] += np.array([0.08, 0.1, 0.03, 0.0], np.float32)[:, None]
-    scene[:, things] = np.array(CLOUD, np.float32)[:, None] * np.exp(smooth(1, 3, 0.1)[things])
+    scene[:, covered] = np.array(CLOUD, np.float32)[:, None] * np.exp(smooth(1, 3, 0.1)[covered])
     found = water(scene, fit_water([scene], ROLES, pixel=10.0))
-    assert not found[things].any()
-    assert found[~things].mean() > 0.9999
+    assert not found[covered].any()
+    assert found[~covered].mean() > 0.9999
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7])

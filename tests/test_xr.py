@@ -94,7 +94,7 @@ def test_the_neighbours_of_the_nir_are_followed_over_the_edges_of_chunks(sea, wr
     np.testing.assert_array_equal(deglint.xr.apply(given, fitted).values, by_file(source, tmp_path, Recipe()))
 
 
-def test_whole_numbers_can_become_real_ones(scene, tmp_path):
+def test_integers_can_become_real_numbers(scene, tmp_path):
     source = scene()
     expected = by_file(source, tmp_path, HEDLEY, dtype="float32")
     clean = deglint.xr.remove(opened(source, 100), HEDLEY, dtype="float32")

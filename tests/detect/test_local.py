@@ -322,7 +322,7 @@ def test_both_ways_agree():
 @pytest.mark.parametrize("border", ["shrink", "mirror"])
 @pytest.mark.parametrize(("window", "ridge"), [((5, 13), 0.0), ((1, 3), 0.0), ((3, 9), 0.1)])
 def test_a_flat_region(border, window, ridge):
-    """Flat in all bands but one, or in all, and a pixel that stands out of it: as the pseudo-inverse."""
+    """A region that is flat in all bands or all but one, and one bright pixel: equal to the pseudo-inverse."""
     rng = np.random.default_rng(0)
     image = rng.normal(size=(4, 30, 28)) + 10
     image[:, 6:26, 4:22] = 5

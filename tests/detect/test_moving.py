@@ -82,7 +82,7 @@ def test_real_swell_is_no_boat(step):
 @pytest.mark.skipif(not SWELL.exists(), reason="the real swell lies beside the project")
 def test_two_bands_of_real_swell_are_refused():
     bands = real_swell()
-    with pytest.raises(InputError, match="three bands"):  # two bands cannot tell a boat from a wave
+    with pytest.raises(InputError, match="three bands"):  # two bands cannot distinguish a boat from a wave
         find_moving(np.stack(bands), [0.0, 1.0], pixel=10.0)
 
 

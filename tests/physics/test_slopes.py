@@ -73,7 +73,7 @@ def test_crosswind_sides_are_alike(up, cross, wind, model):
 
 
 @given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(0.5, 20.0))
-def test_gaussian_names_the_same_thing_twice(up, cross, wind):
+def test_gaussian_is_the_density_of_the_gaussian_model(up, cross, wind):
     variances = slopes.variances(wind, model="cox-munk-gaussian")
     plain = slopes.gaussian(up, cross, *variances)
     assert slopes.density(up, cross, wind, model="cox-munk-gaussian") == pytest.approx(plain)

@@ -1,4 +1,4 @@
-"""Small bright things come through `deglint remove`, at rest and moving: end to end, against what was put in."""
+"""Small bright targets, at rest and moving, keep their contrast through `deglint remove`, from file to file."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def simulated_sea(request, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_small_things_at_rest_keep_their_contrast(simulated_sea, tmp_path):
+def test_small_targets_at_rest_keep_their_contrast(simulated_sea, tmp_path):
     kinds, left = [(colour, size) for colour in COLOURS for size in SIZES], []
     for seed in (0, 1):
         there, targets = implant(simulated_sea, kinds, seed)
