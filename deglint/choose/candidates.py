@@ -27,7 +27,7 @@ class Candidate:
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
     """Candidate recipes for a scene with the properties `setting`, simplest first.
 
-    `width` [pixel] is that of the smallest object to keep (below 2.5: no openings), `clump` [pixel] that of a clump.
+    `width` is that of the smallest object to keep: below 2.5, no opening is tried. `clump` is that of a clump [pixel].
     """
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener")]
     targets = "targets, " if setting.delayed else ""

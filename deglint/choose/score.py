@@ -84,7 +84,7 @@ def powers(
 
 
 def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Float32]:
-    """Texture (as in `powers`) at `SCALES` of a plane (row, column), valid in `mask`; `shares`: see `_shares`."""
+    """Texture (as in `powers`) at `SCALES` of a plane (row, column), valid in `mask`; `shares` is from `_shares`."""
     out, finer = [], (values := np.where(mask, plane, np.float32(0)))
     for side, share in zip(SCALES[1:], shares, strict=True):
         coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone
@@ -94,7 +94,7 @@ def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Flo
 
 
 def partners(setting: Setting, unit: Float32) -> dict[int, int]:
-    """For each evaluated band, its partner: the nearest in wavelength of those taken 0.1 s (`LASTS`) or more apart.
+    """Partner of each evaluated band: the nearest in wavelength of those taken at least 0.1 s (`LASTS`) from it.
 
     Both show the same water, but each has its own sparkle and noise. Bands without such a partner are left out. The
     result is empty if the times of the bands are not known. `unit` is as in `powers`.
@@ -110,7 +110,7 @@ def partners(setting: Setting, unit: Float32) -> dict[int, int]:
 def least_signal(
     images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, noises: Float32, nir: int, spectrum: Float32
 ) -> Float64:
-    """Lower limit of the power of the scene's own texture, (scale,): what neither noise nor glint explains.
+    """Lower limit of the power of the scene's own texture, (scale,): the power that neither noise nor glint explains.
 
     images : (band, row, column) of each tile, without compensation
     inside, unit : as in `powers`; the result is the mean over the bands, each divided by the square of its unit
@@ -148,7 +148,7 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _shares(mask: Mask) -> list[Float32]:
-    """For each side in `SCALES[1:]`: share of True pixels in the square around each pixel, (row, column); positive."""
+    """Share of True pixels in the square around each pixel, (row, column), for each side in `SCALES[1:]`; above 0."""
     known = mask.astype(np.float32)
     return [np.maximum(cv2.blur(known, (side, side)), np.float32(1e-6)) for side in SCALES[1:]]
 
@@ -160,11 +160,11 @@ def level_excess(
     opened: Sequence[bool | None],
     delayed: bool,
 ) -> Float64:
-    """How much brighter each result is than the darkest of the other kind, with or without an opening, (recipe,).
+    """How much brighter each result is than the darkest result of the other kind, (recipe,).
 
-    The medians of each band are compared, and the excess is divided by its `unit`. The result is the root mean square
-    over the bands, minus `SIGNAL`; at least 0. With `delayed` bands means are compared, as a removal leaves sparkle on
-    few pixels.
+    There are two kinds of recipes: with and without an opening. The medians of each band are compared. The differences
+    are divided by `unit`; their root mean square over the bands minus `SIGNAL`, at least 0, is returned. With `delayed`
+    bands means are compared, as a removal leaves sparkle on few pixels.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as in `powers`
@@ -186,10 +186,10 @@ def erased(taken: Sequence[Float32], inside: Sequence[Mask], unit: Float32, nir:
     """Mean brightness that an opening takes and that cannot be glint, root mean square over bands and tiles.
 
     Sparkle moves between two bands, but over a tile its mean is the same, so that an opening takes as much from each
-    band as from the NIR, times the spectrum of glint. From a bright bottom it takes more: water absorbs the NIR.
+    band as from the NIR, times the spectrum of glint. From a bright bottom it takes more, as water absorbs the NIR.
 
     taken : (band, row, column) of each tile: image minus result
-    inside, unit : as in `powers`; each band counts divided by its unit
+    inside, unit : as in `powers`; each band is divided by its unit
     nir, spectrum : as in `least_signal`
     """
     means = np.array([t[:, m].mean(axis=1) for t, m in zip(taken, inside, strict=True) if m.any()])  # (tile, band)

@@ -52,7 +52,7 @@ class Trial:
 
     @property
     def signals(self) -> Float64:
-        """Share preserved of the implanted textures, (scale,) for `SCALES`; at the coarsest scale, of the plumes."""
+        """Preserved share of the textures implanted at `SCALES`, (scale,); that of plumes at the coarsest scale."""
         return np.array([*(v for k, v in self.gains.items() if k.startswith("texture")), self.gains["plumes"]])
 
     @property
@@ -193,7 +193,7 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """First of the equally good trials, the first of all (the copy) if none is much better; see `REPLACING`."""
+    """First of the equally good trials; the copy, which is the first of all, if none is much better (`REPLACING`)."""
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
@@ -251,8 +251,8 @@ def _spectrum(setting: Setting) -> Float32 | None:
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32) -> Float64:
-    """Result of `least_signal`, (scale,), for bands limited to their percentile `OFTEN`: flashes of sparkle, where they
-    are few, may all miss the time of the NIR.
+    """Result of `least_signal`, (scale,), for bands clipped at their percentile `OFTEN`: a few flashes of sparkle may
+    all be missing in the NIR, which has another time.
     """
     images, nir, bands = [s.image for s in sample.states], setting.nir[0], range(len(unit))
     noises = np.array([noise([i[b] for i in images], inside) for b in bands], np.float32)
@@ -278,8 +278,8 @@ def _run(
 
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
-    """Raise FitError if a fitted candidate changes nothing, removes mirrored sky (see `_refuse_sky` with `fine` as
-    unit; None: not tested), or has a posterior mean that cannot distinguish residual glint from water.
+    """Raise FitError if a fitted candidate changes nothing, or has a posterior mean that cannot distinguish residual
+    glint from water. With a unit `fine`, also raise it if the candidate removes mirrored sky (`_refuse_sky`).
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
@@ -296,8 +296,8 @@ def _too_small(sample: Sample) -> bool:
 
 def without_ships(sample: Sample) -> Sample:
     """The sample without ships (pixels far brighter than the water around) and pixels near them: a recipe that erases
-    ships would get too small an expected error. Not for fine pixels, in which sparkle is as bright as ships. In a band
-    with more bright pixels than ships have (`OFTEN`), these are glint, and stay. Too small a sample is not changed.
+    ships would get too small an expected error. It is not for fine pixels, in which sparkle is as bright as ships. If a
+    band has more bright pixels than ships have (`OFTEN`), they are glint, and stay. A small sample is not changed.
     """
     inside = list(sample.inside)
     for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):
@@ -310,7 +310,7 @@ def without_ships(sample: Sample) -> Sample:
 
 
 def without_shore(sample: Sample) -> Sample:
-    """The sample without pixels near what is not water: mixed with it, they look like glint that cannot be removed."""
+    """The sample without pixels near land or objects: mixed pixels look like glint that cannot be removed."""
     inside = (m & ~grown(~s.water, 2 * NOT_JUDGED + 1) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 
@@ -337,7 +337,7 @@ def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
-    """Raise FitError if what a removal removes is mirrored sky: it varies little, and symmetrically about its median.
+    """Raise FitError if a removal subtracts mirrored sky, which varies little, and symmetrically about its median.
 
     unit : (band,) brightness of the water [unit of the band]; infinite for bands that are not evaluated
     """
@@ -356,5 +356,5 @@ def _levels(sample: Sample, bands: int) -> Float32:
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
     dark = np.array([np.percentile(v, WATER_PERCENTILE) for v in values])
-    offset = dark < -3 * np.array(noises)  # subtracted: the brightness, not known, is taken from the darkest other band
+    offset = dark < -3 * np.array(noises)  # was subtracted: the brightness is not known; the darkest other band has it
     return np.maximum(np.where(offset, min(dark[~offset], default=0.0), dark), noises).astype(np.float32)

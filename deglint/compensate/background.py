@@ -41,7 +41,7 @@ ABOVE = 1.5
 COVER_K = 3.0  # standard deviations of noise by which a glint pixel exceeds the background (0.1 % do so by chance)
 HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation]
 RAISED = 4.0
-"""Pixels whose background is too bright (glint is faint or fills the window), per glint pixel of `Background.cover`."""
+"""Number of pixels whose background is too bright, as glint is faint or fills the window, over that of glint pixels."""
 CLEAR_PERCENT = 10.0
 """Share of the pixels that count as those with the least glint [%]: few, so that glint is weak even where it is dense;
 enough (thousands of a sample) that the median of their noise is known to a few percent of its standard deviation."""
@@ -113,10 +113,10 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
     """Mask, (band, pixel), of the pixels with the least glint according to another band.
 
-    The other band is the one in which water is darkest relative to glint (most often the NIR), of those taken within
-    `LASTS`, which have the same sparkle, or else of the next in time. The darkest pixels of the band itself would be
-    those with the lowest noise, or dark parts of the water. Not for simultaneous bands or with ringing: the errors
-    that resampling and compression leave beside glint would be the same in the other band.
+    The other band is taken within `LASTS` of the band, so that both have the same sparkle, or else it is the next in
+    time. Of several such bands, it is the one in which water is darkest relative to glint, most often the NIR. (The
+    darkest pixels of the band itself have the lowest noise, or are dark water.) Simultaneous bands, or bands with
+    ringing, have the same errors of resampling and compression beside glint, so the mask is not for them.
 
     excess : bands minus their openings, (band, pixel)
     water : level of the water in each band, (band,), in a unit in which glint is the same in all bands
@@ -131,13 +131,13 @@ def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray
 
 
 def median_and_spread(excess: Float32) -> tuple[float, float]:
-    """Median of `excess`, (pixel,), band minus opening; and the standard deviation of the lower values about it."""
+    """Median of `excess` (pixel,), a band minus its opening; and the standard deviation of the values below it."""
     middle = float(np.median(excess))
     return middle, spread(excess[excess < middle] - middle)
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess`, (pixel,), band minus opening, where they differ; and standard deviation of lower values."""
+    """Mode of `excess` (pixel,), a band minus its opening, where it is not 0; and the deviation of lower values."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -183,7 +183,7 @@ class Background:
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
         """The bands to open and their openings by a square, (band, row, column) each. The bands are the image or, after
-        a stage `psf`, its deconvolution; with `caps`, the image, where each pixel is at least the mean `around` it.
+        a stage `psf`, its deconvolution. If there are `caps`, pixels of the image below the mean `around` get the mean.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -197,7 +197,7 @@ class Background:
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) without offsets: openings plus outline detail, blurred if of sharper bands."""
+        """Background (band, row, column) without offsets: openings plus outline detail; blurred if `sharp` is used."""
         source, level = self.opened(state)
         if self.limit is not None:
             detail = self.details(source, level)
@@ -214,7 +214,7 @@ class Background:
         """Determine the background, and mark the pixels that exceed it as glint.
 
         Pixels in which only noise exceeds the background are marked, too. With a limit that is higher by one standard
-        deviation of noise, errors change by less than 2 %, but by 19 % in dense glint, where it misses faint glint.
+        deviation of noise, errors would change by 19 % in dense glint, as faint glint is missed, else by under 2 %.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]
@@ -222,8 +222,8 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the stage to a sample of the scene that `setting` describes. Raises FitError if the sample is too small.
-    `number`: width of the window, odd [pixel], 13 by default. Outline detail needs 7 or more, times, NIR, 3 bands.
+    """Fit the stage to a sample of a scene, described by `setting`; FitError if it is too small. `number`: width of the
+    window, odd [pixel], 13 by default. Outline detail needs a width of at least 7, time offsets, a NIR, and 3 bands.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
@@ -234,7 +234,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     colour = np.asarray(colour / np.median(colour / sigma), np.float32)
     reach = max((p.radius for p in states[0].psfs or ()), default=0)
     caps = ringing(sample, sigma)
-    by = setting.wavelengths if setting.offsets is None else setting.offsets  # of unknown wavelength: last
+    by = setting.wavelengths if setting.offsets is None else setting.offsets  # unknown ones are last
     order = tuple(np.argsort(by, kind="stable").tolist())
     stage = Background(size, order, tuple(map(float, colour)), (), (), 0.0, None, caps, reach)
     if setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2:
@@ -242,7 +242,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     levels = [stage.level(s) for s in states]
     openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
     excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
-    times = setting.offsets if setting.delayed and not caps else None  # artefacts: the same in all simultaneous bands
+    times = setting.offsets if setting.delayed and not caps else None  # as simultaneous bands share artefacts
     clear = None if times is None else clear_pixels(excess, np.median(openings, axis=1) / colour, times)
     found = []
     for b, values in enumerate(excess):
@@ -265,7 +265,7 @@ def ringing(sample: Sample, sigma: Float64) -> tuple[float, ...]:
 
     Resampling leaves negative lobes (pits) beside sparkle (ringing), and an erosion would widen them. Dark objects are
     darker than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band
-    has pits in more than a share `MOST_PITS` of its pixels. In a dark band they end at zero, and may differ less from
+    has pits in more than a share `MOST_PITS` of its pixels. In a dark band, pits end at zero, and may differ less from
     the water around. `sigma`, (band,), is the standard deviation of noise.
     """
     caps, least = [], 1.0

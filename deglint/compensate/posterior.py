@@ -53,7 +53,7 @@ pixels, and for the posterior mean also pits, which are zero or negative in a co
 PIT_REACH, DEEP = 3, 10.0
 """Resampling digs pits beside glint: the kernels of cubic and Lanczos interpolation have negative lobes up to
 `PIT_REACH` pixels away, a tenth of the glint deep. They exceed noise beside glint of `DEEP` standard deviations."""
-AS_DARK = 1.0  # darker water (in standard deviations of noise) is often zero without pits, so none are sought
+AS_DARK = 1.0  # water below this [standard deviations of noise] is often zero without pits, so none are searched for
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ class Posterior:
         return self.side // 2 + PIT_REACH
 
     def apply(self, state: State) -> State:
-        """Set the image to the posterior mean if the stage is `resolved`; set `State.variance` if `State.errors`."""
-        assert state.removed is not None  # a chain removes before
+        """Set the image to the posterior mean if `resolved` is True, and `State.variance` if `State.errors` is True."""
+        assert state.removed is not None  # in a chain, the removal comes before
         taken, image = state.removed, state.image.copy()
         variance = np.zeros_like(image) if state.errors else None
         unknown = np.zeros(state.water.shape, np.bool_)

@@ -65,7 +65,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """Make the stage `replace-bands`; nearest bands are those in wavelength or, if one is not known, in the file."""
+    """Make the stage `replace-bands`: bands are nearest in wavelength or, if a wavelength is not known, in the file."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     order = [np.argsort(np.abs(place - own), kind="stable").tolist() for own in place]

@@ -17,7 +17,7 @@ FLOOR = 1e-3  # lower limit of values, as a share of the band's median: the algo
 
 
 def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
-    """Convolve a band (row, column) with a PSF as a sum of `rank` separable kernels; with one, errors rise by 5 %."""
+    """Convolve a band (row, column) with a PSF as a sum of `rank` separable kernels. One makes errors 5 % larger."""
     parts = [
         cv2.sepFilter2D(band, -1, across.astype(np.float32), down.astype(np.float32), borderType=cv2.BORDER_REFLECT_101)
         for down, across in psf.factors(rank)

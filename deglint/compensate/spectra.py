@@ -36,14 +36,14 @@ half of these), and the part that is not smooth. Its variance is `ROUGH` squared
 the square of that brightness fewer red and blue targets are found, as paint deviates more where it is dim."""
 CHANGE, NO_CHANGE = 1.0, 0.15
 """Standard deviation of the linear and of the quadratic change from the first to the last band, relative to the
-brightness: of a flash that lasts, large enough for any rise or fall; and of a white target, on which sparkle lies."""
+brightness. `CHANGE`: of a flash that lasts, for any rise or fall. `NO_CHANGE`: of a white target with sparkle on it."""
 TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 """Standard deviations of the background and of the water that a target hides, relative to the radiance of water."""
 
 UNEXPLAINED, LIKELIER, CHANGING = 5.0, 0.7, 0.2
 """`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. For such pixels the
-mean log likelihood ratio of flash and target, clipped to +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
--0.4 to 0.3 for boats, swimmers and whitecaps. The ratio with white targets included must exceed `CHANGING`."""
+mean log likelihood ratio of flash and target, clipped to +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last. The
+mean is -0.4 to 0.3 for boats, swimmers and whitecaps. With white targets included, it must exceed `CHANGING`."""
 BLUR, VARIED = 0.012, 0.15
 """Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
 blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
@@ -146,8 +146,8 @@ def likelihoods(e: Float32, of: list[Model]) -> tuple[Float32, Places]:
 def lasting_flashes(
     e: Float32, sparkle: Float32, of_targets: list[Model], of_flashes: list[Model], of_white: list[Model]
 ) -> npt.NDArray[np.bool_]:
-    """Mask (pixel,) of flashes that last; all False if they are rare. `e`, as in `likelihoods`, has the pixels
-    lit in all bands, `sparkle` their log likelihood as changing sparkle; `of_white`: `flashes` with `NO_CHANGE`.
+    """Mask (pixel,) of flashes that last; all False if they are rare. `e` is as in `likelihoods`, for pixels lit in all
+    bands; `sparkle` is their log likelihood as changing sparkle; `of_white` are the `flashes` with `NO_CHANGE`.
     """
     target, flash, white = (likelihoods(e, of)[0] for of in (of_targets, of_flashes, of_white))
     unexplained = np.maximum(target, flash) - sparkle > UNEXPLAINED
@@ -157,7 +157,7 @@ def lasting_flashes(
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
-    """Contrast of targets (band, pixel), at least 0 [unit of `e`]; arguments, and `kind`, from `likelihoods`."""
+    """Contrast of targets (band, pixel), at least 0 [unit of `e`], from arguments and results of `likelihoods`."""
     out, level = np.empty_like(e), brightness(e)
     for n in np.unique(level):
         i = np.flatnonzero(level == n)

@@ -57,7 +57,7 @@ STAGES: dict[str, Kind] = {
     "posterior": Kind(posterior.fit, Posterior, 1, 64, whole=True),  # mean of the water; clumps of glint N pixels wide
 }
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
-"""Chain of Fink (2014), section 6.3, as far as it can be reconstructed; without its PSF correction (`psf-image`)."""
+"""Chain of Fink (2014), section 6.3, without its PSF correction (`psf-image`), as far as it can be reconstructed."""
 NEVER_AFTER = {
     ("normalise", "remove"): "normalise prepares stages before the removal: name it at the beginning, or leave it out.",
     ("normalise", "targets"): "targets are found in the values as read: leave out normalise.",

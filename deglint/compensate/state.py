@@ -140,7 +140,7 @@ exactly that value. In images of fewer than 1000 steps pixels have equal values 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
     """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, or infinity.
-    The saturation value is the declared one, else infinity; or the highest of the water, if lower and in many pixels.
+    The saturation value is the declared one; or the highest value of the water if it is lower, and many pixels have it.
     """
     found = np.array([np.inf if b.saturation is None else b.saturation for b in setting.bands])
     for b in range(len(found)):

@@ -7,9 +7,9 @@ S is the log likelihood ratio of target and sparkle for the excess e over the ba
 The columns of F_k are a spectrum with probability w_k (smooth, or with one or two edges) and its standard deviations; A
 is the power of 2 nearest to the largest excess. V_k is the variance of noise, of texture of the water (a bottom) and of
 the non-smooth part of the spectrum; h is the standard deviation of the water that a target hides. Sparkle changes from
-band to band, with probabilities p from histograms of the scene; where flashes last, p includes slowly changing ones. A
-pixel with S > 0 belongs to a target if, in it or a neighbour, the sum of S over 3 x 3 pixels plus the log likelihood
-ratio of a common outline exceeds a threshold, which follows from a false-alarm rate; it is higher where sparkle lasts.
+band to band, with probabilities p from histograms of the scene. If flashes last, p includes such flashes. A pixel with
+S > 0 belongs to a target if, in it or a neighbour, the sum of S over 3 x 3 pixels plus the log likelihood ratio of a
+common outline exceeds a threshold. This follows from a false-alarm rate; if sparkle lasts, it is higher.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
 that move by more than a quarter of their width from the first to the last band, for most coloured targets of 1 pixel
@@ -49,7 +49,7 @@ LASTING = 0.2
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
-DISPLACEMENTS = 37, 53  # (row, column) of later bands to simulate false alarms; wider than clumps [pixel]
+DISPLACEMENTS = 37, 53  # shift (row, column) of later bands that simulates false alarms; wider than clumps [pixel]
 EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
 """`EXCEEDS`: standard deviations of noise above which a pixel is lit (bright) in a band (one pixel of water in 700).
 `FEWEST_LIT`: fewest bands in which a target is lit. `LONE`: least S of a pixel of a target (odds of 7 to 1)."""
@@ -87,12 +87,12 @@ class Targets:
 
     @property
     def halo(self) -> int:
-        """Margin around a block that the stage needs [pixel]: the sum of the reaches of its steps, in their order."""
+        """Margin around a block that the stage needs [pixel]: the reaches of its steps added; 0 if `reason` is set."""
         # mean; peaks, saturation, neighbours of peaks, sums; growth by 7 x 7; sums or outline, target; its edge
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Set `State.targets`, and subtract them from the image if there is no background. No change if `reason`."""
+        """Set `State.targets`, and subtract them from the image if there is no background, unless `reason` is set."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -123,7 +123,7 @@ class Targets:
 
     @property
     def lit(self) -> int:
-        """Index of the histogram bin above which a pixel is lit: that of an excess of 3 times `light` (`EXCEEDS`)."""
+        """Index of the histogram bin of an excess of 3 times `light` (`EXCEEDS`); pixels in higher bins are lit."""
         return int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (self.top - LOW))
 
     def binned(self, e: Float32) -> Places:
@@ -156,11 +156,11 @@ class Excess:
     stage: Targets
     raw: list[Float32]  # the block, (row, column) for each band
     below: list[Float32]  # its background
-    afloat: bool = False  # without a background: targets must be lit in a band with dark water, if there is one
+    afloat: bool = False  # True without a background: targets must then be lit in a band with dark water, if any
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Self:
-        """Make the excess of a block `raw` and its background, both (band, row, column); None: local mean of `raw`."""
+        """Make the excess of a block `raw` over its background, (band, row, column), or over its local mean if None."""
         planes = [raw[b] for b in stage.bands]
         if background is None:
             return cls(stage, planes, [np.asarray(cv2.blur(p, (MEAN_WINDOW,) * 2)) for p in planes], afloat=True)
@@ -297,7 +297,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
-    """Make a stage with the properties of its bands (fields `bands` to `time`); `order`: 0-based bands by time."""
+    """Make a stage with the properties of its bands (fields `bands` to `time`); `order` has 0-based bands by time."""
     below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
     water = np.array([np.median(sample.values(b)) for b in below])
     w = setting.wavelengths[list(order)]
@@ -319,9 +319,10 @@ def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> flo
 
 
 def with_texture(stage: Targets, e: Float32) -> Targets:
-    """The stage with a `noise` that includes texture of the water, such as a bottom; `e` (band, pixel), over `light`.
-    Its square is the variance of the darker half of the pixels that are not lit in bands with dark water, minus that of
-    glint, with the spectrum of glint and at most the variance of any band with dark water; `noise` never decreases.
+    """The stage with a `noise` that includes texture of the water, such as a bottom; `e` (band, pixel) as in `score`.
+    `noise` squared becomes the variance of the darker half of the pixels that are not lit in bands with dark water,
+    minus the variance of glint. This has the spectrum of glint and is the largest that exceeds no band with dark water.
+    `noise` never decreases.
     """
     s, glint, dark = np.array(stage.noise), np.array(stage.glint), stage.dark
     quiet = e[:, (e[dark] < EXCEEDS * s[dark, None]).all(axis=0)]
@@ -356,7 +357,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of faint pixels (darker half of those lit in the first band) that `steady` finds steady in all bands."""
+    """Share of faint pixels that are `steady` in all bands. Faint pixels: the darker half of those lit in `q[0]`."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

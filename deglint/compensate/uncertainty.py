@@ -36,7 +36,7 @@ SPAN = 7  # side of the window for the local range of a background [pixel]: erro
 LEAST_R2 = 0.25
 """Lower limit of R2, for the standard error of a slope: where glint explains less of a band's variance, the rest is
 mostly signal of the water. With this limit, the true slope is at most twice the fitted slope."""
-ABOVE_LOW = NormalDist().inv_cdf(1 - WATER_PERCENTILE / 100)  # by which normal noise lowers the percentile [sigma]
+ABOVE_LOW = NormalDist().inv_cdf(1 - WATER_PERCENTILE / 100)  # decrease of the percentile by normal noise [sigma]
 LEAST_BACKGROUND_VARIANCE = 0.25
 """Lower limit of the variance of a background, relative to the variance of noise: it comes from few pixels."""
 
@@ -135,7 +135,7 @@ def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior
 
     The true slope is 1 to 1/rho times the slope of least squares; rho is the correlation of the band with the glint. If
     the variance that glint does not explain is signal of water, this factor is 1; if it is glint that moved between
-    bands, 1/rho. All factors between are equally likely: the slope's relative standard error is (1/rho - 1) / sqrt(3).
+    bands, it is 1/rho. All factors between are equally likely: the relative standard error is (1/rho - 1) / sqrt(3).
     """
     found = posterior.fit(after, setting)
     share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}

@@ -54,8 +54,8 @@ from `CORE` pixels to half the width of a patch of glint, with which the brighte
 at most `OF_CLUMP` times as much as the clump. `CORE` is 5 where that is a third of a patch, else 7: in smaller pixels
 sparkle fills some squares of 5. A second square is for pixels with NIR above visible, rare in glint."""
 AFLOAT = 2.0
-"""Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
-turbid plumes do not, where there is no glint to compare with."""
+"""Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR.
+Turbid plumes do not: this matters where there is no glint to compare with."""
 COMPACTNESS = 0.7  # least share of brown water in squares of 5 x 5 pixels: a town, brown in radiance, is less compact
 SATURATED_SHARE = 1e-3
 """The highest NIR is saturated if at least this share of the pixels has it, and if it exceeds the NIR of dark water by
@@ -151,7 +151,7 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """The rule with squares and NIR limits for boats, also saturated ones; unchanged if sea or `widest` is small."""
+    """Add squares and NIR limits for boats, also saturated ones, to a rule, unless the sea or `widest` is small."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume, least = rule.nir_level, AFLOAT * abs(rule.contrast), CORE[3 * CORE[0] < widest]
     sides = [w for w in WINDOWS if least <= w <= widest and (w == least or 2 * w <= widest + 1)]
@@ -197,7 +197,7 @@ class _View:
 
         The vote is for water if NIR / visible is below that of white (`white`: its red / green, NIR / green). This vote
         becomes 0 if the NIR is saturated; unless `brown`, also if red / green or, in radiance, NIR / red is above that
-        of white (soil, town, brown water). Bands are summed over squares of side `window`: delays displace sparkle.
+        of white (soil, town, brown water). Bands are summed over squares of side `window`, as delays displace sparkle.
         """
         roles, (red, nir) = self.roles, white
         found = []
@@ -270,7 +270,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels on `sea`, from `isolated`, may be boats: with land in view, and not `EVERYWHERE`."""
+        """Whether `bright` pixels on `sea` (see `isolated`) may be boats: with land in view and not `EVERYWHERE`."""
         has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)
@@ -323,7 +323,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
     order = np.argsort(nir, kind="stable")
     nir, contrast, votes = nir[order], view.contrast[order], votes[order]
     won = np.cumsum(votes, dtype=np.int64)
-    won[:-1][nir[:-1] == nir[1:]] = -1  # equal values are not parted
+    won[:-1][nir[:-1] == nir[1:]] = -1  # equal values cannot be separated
     last = nir.size - 1 - int(np.argmax(won[::-1]))
     if won[last] <= 0:
         return None

@@ -158,7 +158,7 @@ def _middle_and_range(values: FloatArray) -> tuple[float, float]:
 
 
 def _quantisation(blocks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """A rule in which the 5th to 95th percentile of water (`masks`) is 1024 grains; FitError if the NIR is constant."""
+    """A rule with 1024 grains from the 5th to the 95th percentile of water (`masks`); FitError for a constant NIR."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(blocks, masks, strict=True)])
@@ -237,13 +237,13 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 
 
 def _even(local: _Local, rule: SampleRule) -> Mask:
-    """Mask, True where the residual in `local` is at most `MAX_RESIDUAL` times the typical one at this NIR variance."""
+    """Mask, True where the residual in `local` is at most `MAX_RESIDUAL` times that typical of such a NIR variance."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold splits it up to 3 times if classes are clear."""
+    """Mask (pixel,) of the darkest class of `level`, split by Otsu's threshold up to 3 times if classes are clear."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])

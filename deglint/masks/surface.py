@@ -34,7 +34,7 @@ class WaterRule:
     A square of side `window` is not water if all its pixels have NIR above `threshold`. The side is 1 for coarse pixels
     and larger where glint is resolved into bright patches. Boats and narrow land are not water either: in a square they
     are too bright for glint of its size (NIR above `bright`, side `core`) or of another colour (NIR above `red` and the
-    first visible band, side `red_core`). Such pixels connected to the square, up to half its side away, belong to it.
+    first visible band, side `red_core`). Other such pixels, connected to and near the square, belong to it.
     """
 
     roles: Roles
@@ -67,7 +67,7 @@ class WaterRule:
 
     @property
     def reason(self) -> str:
-        """What was found, as one line of text for a log or for the message of a NoWaterError."""
+        """Whether and how much water was found, as one line for a log or for the message of a NoWaterError."""
         if not self.pixels:
             return "no valid pixel, so no water is found. Check --nodata."
         if not self.has_water:
@@ -109,7 +109,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """Mask (row, column), True where, by `rule`, NIR or colour is not that of water; False where the NIR is NaN."""
+    """Mask (row, column), True where NIR or colour is not that of water by `rule`; False where the NIR is NaN."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = filled_squares(nir > rule.threshold, missing, rule.window)
