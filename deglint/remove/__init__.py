@@ -38,8 +38,8 @@ class Method:
     """A method of glint removal: one entry of the table `METHODS`.
 
     `fit` takes a request (the bands to correct and their references) and the sample: a list of `SampleTile` if
-    `neighbours` is True, else the statistics that `plan` requests, or None if `plan` is None. It raises FitError if the
-    sample allows no fit (for example, if it has too few pixels), and BandError if a band that it needs is missing.
+    `neighbours` is True, else the statistics that `plan` requests, or None if `plan` is None. `fit` raises FitError if
+    the sample allows no fit (for example, with too few pixels), and BandError if a band that it needs is missing.
     """
 
     summary: str  # one line for `--help` and the documentation
@@ -98,7 +98,7 @@ def fit(
     Returns
     -------
     GlintModel
-        With a warning and without `fits` if wiener finds no glint that is worth removing.
+        The model has a warning and no `fits` if wiener finds no glint that is worth removing.
 
     Raises
     ------

@@ -27,10 +27,10 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
     """Red-edge bands (0-based) that can be used as further references, as they show no signal of the water.
 
     Red-edge bands are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom,
-    plumes or algae, these would be subtracted from the shorter bands. So the glint is removed with and without red
-    edge. What red edge removes of the variance about local means is glint and noise; what it changes in the local means
-    where there is less glint may be signal. If it changes more than it removes, or in any band more than `MOST_MOVED`
-    times the noise, this is repeated without the shortest red edge.
+    plumes or algae, these would be subtracted from the shorter bands. So the glint is removed with and without them. If
+    they reduce the variance about local means, they remove glint and noise. If they change the local means where glint
+    is weak, they may remove signal. If this change exceeds that reduction, or in any band `MOST_MOVED` times the noise,
+    the test is repeated without the shortest red-edge band.
     """
     longest = longest_that(request, lambda _: True)
     if not longest:
@@ -50,7 +50,7 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 
 
 def _predicted(ready: Prepared, more: tuple[int, ...]) -> list[FloatArray]:
-    """Glint, plus a constant, that references `more` (0-based bands) predict in each tile, (band, row, column).
+    """Glint plus a constant in each tile, (band, row, column), predicted with further references `more` (0-based).
     The bands are those of `FitRequest.correct`. The list is empty if nothing would be corrected.
     """
     model, _ = fit_without_levels(ready._replace(request=replace(ready.request, more=more)))
@@ -60,8 +60,8 @@ def _predicted(ready: Prepared, more: tuple[int, ...]) -> list[FloatArray]:
 
 
 def _harmless(ready: Prepared, plain: list[FloatArray], more: tuple[int, ...]) -> bool:
-    """Whether the references `more` (0-based bands) change the local means of the removal little, as `more_references`
-    says. False if nothing could be tested, or if all corrected bands are references. `plain`: `_predicted` without.
+    """Whether further references `more` (0-based) change local means as little as `more_references` requires. False if
+    nothing can be tested, or all corrected bands are references. `plain` is the result of `_predicted` without `more`.
 
     The change is a variance over the half of the pixels with less glint. What is removed is taken over the same pixels
     or over all, whichever is more. Both are relative to the variance about local means, and summed over bands.

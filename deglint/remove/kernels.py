@@ -31,7 +31,7 @@ WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
 """The same if the second reference is SWIR. SWIR is then always used: it distinguishes glint from turbid water, which
 is bright in the NIR, and the residuals by which supports are compared do not show this advantage."""
 WORTH, WORTH_WIDER = 0.01, 0.002
-"""Least relative reduction of RMS residuals by a removal; by a wider kernel or second reference, which costs time."""
+"""Least relative reduction of RMS residuals by a removal (`WORTH`), and by a wider kernel or second reference."""
 FOLDS = 16  # groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %
 
 
@@ -202,7 +202,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) in each group, fitted to the others (if any), over the band's power in all."""
+    """Residual power (group, band) in each group after a fit to the others (if any), over the band's power in all."""
     power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
     shares = np.array(left) / np.maximum(power, np.finfo(float).tiny)
@@ -210,7 +210,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: common to all, or its own if clearly better. `losses`: see `_held_out`; smallest first."""
+    """Support of each band: a common one, or its own if clearly better; `losses` are of `_held_out`, smallest first."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]

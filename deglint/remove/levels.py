@@ -49,7 +49,7 @@ STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
 excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
 NEGATIVE_SHARE = 0.1  # share of pixels with little glint (or of local means) that may be negative after removal [%]
-SUBTRACTED = 0.05  # share of negative values before removal from which a band may become negative, as its water is so
+SUBTRACTED = 0.05  # share of negative values before removal from which a band may be negative: its water already is
 DARKER = 0.75
 """Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
@@ -159,7 +159,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The `sample` without pixels near strong glint, which resampling darkens; `together`: slopes @ predictions."""
+    """The `sample` without pixels near strong glint, which resampling darkens; `together` is slopes @ predictions."""
     return sample & ~grown(together > np.percentile(together[sample], STRONG_PERCENTILE), PIT)
 
 

@@ -39,8 +39,8 @@ SKEWED, CLEAR = 0.15, 1.0
 """If the span of the predictions (see `levels.MOSTLY_CLEAR`) is less than `SKEWED`, some water has no glint, and its
 share is set to at least `CLEAR` %."""
 DARK_PERCENTILE = 5.0
-"""Percentile of the results over the sample, below which the removal makes no pixel: where a clump of glint fills the
-window in the NIR only, the prediction is too large. Pixels that were darker before keep their values [%]."""
+"""Percentile of the results over the sample [%]. The removal makes no pixel darker than this: where a clump of glint
+fills the window in the NIR only, the prediction is too large. Pixels that were darker before keep their values."""
 LEAST_KEPT = 0.75
 """Red edge is used if the gain of a plume added to every tile is at least this; smaller plumes are preserved better."""
 
@@ -104,7 +104,7 @@ def _fitted(request: FitRequest, tiles: list[SampleTile], nir: tuple[int, ...], 
 
 
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
-    """Coefficients (input, 1; see `solve`) for which the sum of the squares' root mean square residuals is least."""
+    """Coefficients (input, 1; see `solve`) with the least sum, over squares of pixels, of RMS residuals."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
         found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads

@@ -62,7 +62,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
-    """Weights (reference,) and R2 of the ridge regression of a band; `band`, `references`: indices of variables."""
+    """Weights (reference,) and R2 of the ridge regression of a band; bands are given as indices of variables."""
     comoment = stats.regressed.comoment
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])

@@ -46,7 +46,7 @@ def predictions(
 
 
 def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
-    """Filter references with the kernels of an index. `wide`: references with a border, which the result omits."""
+    """Filter references with the kernels of an index. `wide` has them with a border, which the result omits."""
     import cv2
 
     inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
@@ -122,7 +122,7 @@ def apply(
     Parameters
     ----------
     block : (band, row, column) float32 or float64 ndarray
-        Physical values, NaN or masked where not valid. With strips in the model, the scene from its first pixel on.
+        Physical values, NaN or masked where not valid; from the scene's first pixel on if `model.strips` is set.
     model : GlintModel
     where : (row, column) bool ndarray, optional
         True where pixels are corrected; others are copied. A model with kernels takes it as the mask of water, too.
@@ -132,7 +132,7 @@ def apply(
     Returns
     -------
     (band, row, column) ndarray
-        Same dtype as the block. NaN stays NaN; a NaN in a pointwise glint index makes corrected bands of the pixel NaN.
+        Same dtype as the block. NaN stays NaN. Without kernels, a NaN in a glint index makes corrected bands NaN, too.
 
     Raises
     ------

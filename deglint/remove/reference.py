@@ -25,7 +25,7 @@ QUARTILE, FACTOR = 25, 2.5
 in each. Ships increase the maxima of few squares, those of a port, while a long tail of sparkle is in every square."""
 OFTEN = 99.0
 """Percentile of the excess over the local mean. Above it are more pixels than ships have, even in a port. If it exceeds
-the limit, the bright pixels are glint, on a part of the scene."""
+the limit, the bright pixels are glint, which covers a part of the scene."""
 LEAST_LOCAL = 8  # fewest pixels of water for a local mean with which a pixel is compared [pixel]
 NOISE_SIDE = 5  # side of the squares whose variance is compared with that of noise [pixel]: as the largest kernel
 GRAINS = 65535  # largest quantised value (grain), for exact sums; the sum of 225 of them stays below 2^31
@@ -54,7 +54,7 @@ def fit_reference(
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
-    tiles : for each tile the band and a mask of open water away from shores, (row, column); too little water: no limit
+    tiles : for each tile the band and a mask of open water away from shores, (row, column); little water sets no limit
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
     sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, and if glint is on a part of the
@@ -135,7 +135,7 @@ def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[Flo
     kept = inner = water if everywhere else water & ~grown(~water, 2 * rule.edge + 1)
     grains, over = _grains(values, rule), None
     bright &= inner
-    for _ in range(2 if bright.any() else 0):  # again without what exceeded: a ship brightens the mean around itself
+    for _ in range(2 if bright.any() else 0):  # again without these pixels: a ship brightens the mean around itself
         total, count = (sums[bright] for sums in _sums(grains, kept))
         found = np.zeros_like(bright)
         found[bright] = (count >= LEAST_LOCAL) & (values[bright] > _mean(total, count, rule) + rule.limit)

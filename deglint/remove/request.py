@@ -70,7 +70,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Plan for a fit: moments, of deviations from local means if "detrended"; single pixels if options need them."""
+    """Plan for a fit: moments (for "detrended", about local means), and single pixels if options need them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index

@@ -23,7 +23,7 @@ class CommonGlint(NamedTuple):
 
     @property
     def hidden(self) -> Float64:
-        """Slopes of glint minus new responses, (band,), if positive; else, or where a slope of glint is NaN, 0."""
+        """Slopes of glint minus new responses, (band,); 0 where this is negative or the slope is NaN."""
         return np.fmax(self.of_glint - self.response, 0)
 
 
@@ -48,7 +48,7 @@ def shared_glint(response: Float64, covariance: Float64, explained: Float64, req
     tried = []
     for colour in spectra(request):
         size = float(np.median(response / colour))
-        for _ in range(3):  # the prior is relative to the size, which converges at once
+        for _ in range(3):  # the prior depends on the strength, which converges at once
             prior = np.diag((COLOUR * size * colour) ** 2)
             weights = np.asarray(np.linalg.solve(covariance + prior + tiny, colour), np.float64)
             size = float(weights @ response / (weights @ colour))

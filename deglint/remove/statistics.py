@@ -86,7 +86,7 @@ class SampleStatistics:
 
     @cached_property
     def regressed(self) -> Moments:
-        """Moments, over the whole sample, of the variables to which slopes are fitted: minus local means if planned."""
+        """Moments of `cells` over the whole sample; local means are subtracted if the plan says so."""
         return self.cells.total()
 
     def index_values(self, k: int) -> FloatArray:
@@ -153,7 +153,7 @@ def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, 
 
 
 def least_squares(stats: SampleStatistics) -> Float64:
-    """Slopes (band, index) by least squares, cov(band, index) / var(index); local means are subtracted if planned."""
+    """Slopes (band, index) by least squares, cov(band, index) / var(index), from `SampleStatistics.regressed`."""
     bands = len(stats.plan.bands)
     return np.asarray(stats.regressed.comoment[:bands, bands:] / np.diag(stats.regressed.comoment)[bands:])
 
@@ -163,7 +163,7 @@ def huber(stats: SampleStatistics) -> Float64:
     from sklearn.linear_model import HuberRegressor
 
     def slope_of(x: Float64, y: Float64) -> float:
-        if y.min() == y.max():  # whose standard deviation need not be 0
+        if y.min() == y.max():  # rounding may give it a standard deviation above 0
             return 0.0
         scale_x, scale_y = np.std(x), np.std(y)
         fit = HuberRegressor(alpha=0.0, max_iter=1000, tol=1e-8)
@@ -177,7 +177,7 @@ def theil_sen(stats: SampleStatistics) -> Float64:
     """Slopes (band, index): median of the slopes of all pairs (SciPy) among at most `PAIRED_PIXELS` pixels."""
     from scipy.stats import theilslopes
 
-    with np.errstate(invalid="ignore"):  # of an interval that is not asked for, where values are tied
+    with np.errstate(invalid="ignore"):  # from an interval that is not used, if values are equal
         return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
 
 

@@ -55,7 +55,7 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     """Kernels of 3 x 3 pixels, (offset, band) each, of the two kinds of strips; None if one kernel is nearly as good.
 
     In turn, each square of the sample is assigned to the kernel with the smaller residual, and each kernel is fitted to
-    its squares. The first two are that of all squares and its point reflection. None, too, if a kind has few squares.
+    its squares. The first kernels are that of all squares and its point reflection. A kind with few squares gives None.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)

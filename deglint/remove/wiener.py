@@ -189,7 +189,7 @@ def _kinds(
 
 
 def _gathered(band_set: BandSet, tiles: Sequence[_Cleaned], planes: Sequence[_KernelPlanes]) -> LagGrams:
-    """Gram matrices of squares for a set of bands."""
+    """`LagGrams` of a set of bands in all tiles."""
     sides = [max(s[k] for s in band_set.supports if len(s) > k) for k in range(len(band_set.references))]
     parts = []
     for tile, (sample, flat, weights) in zip(tiles, planes, strict=True):
@@ -200,7 +200,7 @@ def _gathered(band_set: BandSet, tiles: Sequence[_Cleaned], planes: Sequence[_Ke
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Split each set's squares by the kind of detector strip they lie in, [kind][set]; one kind if a kind has few."""
+    """Split the squares of each set by the kind of detector strip, [kind][set]; do not split if a kind has few."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
@@ -224,7 +224,7 @@ def band_sets(request: FitRequest) -> list[BandSet]:
 
 
 def _supports_to_try(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tuple[int, ...], ...]:
-    """Supports (side of the kernel on each of `references` [pixel]) to try; `waves`: wavelength of each band [nm]."""
+    """Supports (side of the kernel on each of `references` [pixel]) to try; `waves` are wavelengths of bands [nm]."""
     count = len(references)
     if count == 1:
         return kernels.SUPPORTS
@@ -276,7 +276,7 @@ def _kernel_planes(tile: _Cleaned, sample: Mask, request: FitRequest) -> _Kernel
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks `inside` without pixels that deviate from local means by more than glint, in any plane, and those near."""
+    """Masks `inside` without pixels that deviate from local means by more than glint in a plane, and pixels near."""
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
     if not tops:
@@ -290,7 +290,7 @@ def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[M
 def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references: int) -> list[Mask]:
     """Masks `inside` without water where the NIR does not explain the bands (`UNLIKE`), as it shows the bottom.
 
-    high : for each tile (plane, row, column) minus local means; first `references` references, then the bands
+    high : for each tile (plane, row, column) minus local means; the first `references` planes are the references
     """
     total, left = partial(box_sum, side=LOCAL_MEAN), []
     for planes, mask in zip(high, inside, strict=True):
@@ -340,9 +340,7 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
 
 
 def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequence[_Cleaned], side: int) -> LevelSample:
-    """Values from which levels are determined, of the bands with the indices `some`; local means are of squares of
-    `side` pixels.
-    """
+    """Values that determine levels, of bands with the indices `some`; local means are of squares of `side` pixels."""
     import cv2
 
     slopes = np.array([f.slope for f in model.fits])[some]
@@ -384,7 +382,7 @@ def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned
 
 
 def _sheet_warning(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
-    """Warning, if any, of an even sheet of glint (`SHEET`); `green`: median of green after removal [its unit]."""
+    """Warning, if any, of an even sheet of glint (`SHEET`); `green` is the median of green after removal."""
     lowest, chosen, middle = interval
     warning = (
         f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "
