@@ -50,7 +50,7 @@ class BatchConfig:
     recipe: Recipe = field(default_factory=Recipe)
     directory: Path = Path()  # of the outputs; created if it is missing
     name: str = "{name}_deglinted.tif"  # file name of an image; "{name}" stands for the name of the scene
-    extras: tuple[str, ...] = ()  # keys of `BESIDE` to write, too: beside an image X.tif, X_flags.tif and so on
+    extras: tuple[str, ...] = ()  # keys of `BESIDE`: further outputs, such as X_flags.tif beside an image X.tif
     dtype: str | None = None  # type of the image; None: the type of the scene
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     opening: Mapping[str, Any] = field(default_factory=dict)  # keywords of `deglint.open_scene`
@@ -58,7 +58,7 @@ class BatchConfig:
     reads: tuple[str, ...] = ()  # further input files, such as the recipe, which no output may replace
 
     def request(self) -> str:
-        """SHA-256 (hexadecimal) of the options but `directory` and `reads`, and of mask, sample and sensor files."""
+        """SHA-256 (hexadecimal) of all options except `directory` and `reads`, and of mask, sample and sensor files."""
         read = files_behind([self.recipe.sample, self.recipe.mask, str(self.opening.get("sensor"))])
         files = {path: fingerprint(path)["crc32"] for path in read}
         said = asdict(replace(self, directory=Path(), reads=())) | {"files": files}
@@ -162,7 +162,7 @@ def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status before processing ("to do", "finished before", or "failed": outputs are not this batch's), and why."""
+    """Status before processing, and why: "to do", "finished before", or "failed" (foreign or changed files)."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     if not (there := [p for p in every if p.exists()]):
         return TODO, ""

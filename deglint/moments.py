@@ -75,7 +75,7 @@ class CellMoments(NamedTuple):
 
     @classmethod
     def of(cls, keys: npt.ArrayLike, cells: Sequence[Moments]) -> CellMoments:
-        """Cells from the row and column, and the moments, of each."""
+        """Make an object from the row and column, and the moments, of each cell."""
         return cls(np.array(keys, np.int64), *(np.array(values, np.float64) for values in zip(*cells, strict=True)))
 
     @classmethod

@@ -49,8 +49,8 @@ def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.ui
     """Convert images (band, row, column) of red, green and blue to pictures (row, column, 3) with the same stretch.
 
     The last image is the one without glint. If the first is brighter in the mean of every band, each band is divided
-    by its mean difference of the two, so that glint is white. In any case, black is the lowest 1st percentile of bands
-    of the last image, white their highest 99.5th percentile or the first image's highest 90th if larger. NaN is black.
+    by its mean difference of the two, so that glint is white. Black is the lowest 1st percentile of a band of the last
+    image; white is its highest 99.5th percentile, or the highest 90th of the first image if larger. NaN is black.
     """
     first, last = images[0], images[-1]
     glint = np.array([np.nanmean(a - b) if np.isfinite(a - b).any() else 0.0 for a, b in zip(first, last, strict=True)])

@@ -32,7 +32,7 @@ COMPACT = 512  # usual side of tiles for work that needs a halo and many copies 
 MOST_WITH_HALO = 3 << 20
 """Most values in a tile of `compact` with its halo: removal keeps a prediction for every band in memory. With 5 << 20,
 two threads need 310 MB instead of 225 MB, and the same time."""
-_LOCK, _LIMITS, _contexts = threading.Lock(), ExitStack(), 0  # of `one_thread_each`: its open contexts, what ends them
+_LOCK, _LIMITS, _contexts = threading.Lock(), ExitStack(), 0  # of `one_thread_each`; the number counts its contexts
 LONGEST_SIDE = 1024  # longest side of a tile [pixel], unless the blocks of the file are strips
 
 
@@ -77,7 +77,7 @@ class Tile:
         return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
 
     def crop_of(self, outer: Tile) -> Crop:
-        """Numbers of rows above and below, and of columns left and right, by which the tile `outer` exceeds this."""
+        """Numbers of rows above and below, and of columns left and right, by which `outer` exceeds this tile."""
         above, left = self.row0 - outer.row0, self.col0 - outer.col0
         return above, outer.row1 - self.row1, left, outer.col1 - self.col1
 
@@ -105,7 +105,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; else the least one; if that is too large, `side`."""
+    """Largest common multiple of `CELL` and `block` up to `side`, else the least one, or `side` if it is too large."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step

@@ -329,7 +329,7 @@ def _of_chunk(scene: Scene, info: RasterInfo, work: Work, reach: int, block: Raw
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Chunk sizes [pixel] of an axis. Edges move up to multiples of `step`; one within `least` of another drops out."""
+    """Chunk sizes [pixel] of an axis. Edges move up to multiples of `step`; edges too near to another are dropped."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

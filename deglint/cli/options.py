@@ -84,7 +84,7 @@ class FileName(click.Path):
         self._words, self._presets = words, presets
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The name as it stands; a usage error for what is no file, but may be one of the words, spelled wrong."""
+        """Return the name; raise a usage error if it is no file, but probably a misspelled word."""
         words = self._words if "FILE" in str(param and param.metavar) else ()
         if words and value.isalpha() and value not in words and not os.path.exists(value):  # noqa: PTH110
             hint = nearest(value, list(words)) or "."

@@ -54,9 +54,9 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set the time of a mission: for a sweep when the sun is highest; for the page, if not given, in the next daylight.
+    """Set the time of a mission: for a sweep, that of the highest sun; for the page without a time, the next daylight.
 
-    Returns the tables of the mission file; they are unchanged for other modes, and without latitude or longitude.
+    Returns the tables of the mission file. Other modes, or a missing latitude or longitude, do not change them.
     """
     place = dict(own) if isinstance(own := tables.get("place"), Mapping) else {}
     if "latitude" not in place or "longitude" not in place:

@@ -140,7 +140,7 @@ class Console(logging.Handler):
 
     The library logs to `LOGGERS` and their children, and installs no handler. A command installs this handler within a
     `with` block; scripts and notebooks install their own. `given` has the options of the command: with "quiet"
-    only errors are shown, with "verbose" (number of -v) all messages, without both those of `level` and above.
+    only errors are shown, with "verbose" (number of -v) all messages, else messages of at least `level`.
     """
 
     def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:

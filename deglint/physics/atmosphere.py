@@ -7,11 +7,10 @@ multiplied by 0.05; the paper omits this factor, but every code of the model has
 
 References
 ----------
-Gregg, Carder (1990), "A simple spectral solar irradiance model for cloudless maritime
-atmospheres", Limnology and Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657. Kasten, Young (1989),
-"Revised optical air mass tables and approximation formula", Applied Optics 28, 4735-4738,
-doi:10.1364/AO.28.004735. Van Heuklon (1979), "Estimating atmospheric ozone for solar radiation models", Solar
-Energy 22, 63-68, doi:10.1016/0038-092X(79)90060-4.
+Gregg, Carder (1990), "A simple spectral solar irradiance model for cloudless maritime atmospheres", Limnology and
+Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657. Kasten, Young (1989), "Revised optical air mass tables and
+approximation formula", Applied Optics 28, 4735-4738, doi:10.1364/AO.28.004735. Van Heuklon (1979), "Estimating
+atmospheric ozone for solar radiation models", Solar Energy 22, 63-68, doi:10.1016/0038-092X(79)90060-4.
 """
 
 from dataclasses import dataclass, replace
@@ -94,7 +93,7 @@ def irradiance(
 ) -> Irradiance:
     """Compute direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
 
-    It is that of a horizontal plane. The direct irradiance of a plane facing the sun is direct / cos(sun zenith).
+    Both are for a horizontal plane. The direct irradiance of a plane facing the sun is direct / cos(sun zenith).
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ def reflectance(
 ) -> Array:
     """Sky radiance reflected by the sea into the sensor, per unit of diffuse irradiance [1/sr].
 
-    It is the integral of w r L_sky over the slopes of the facets, by Gauss-Legendre quadrature, with the Fresnel
+    The result is the integral of w r L_sky over the slopes of facets, by Gauss-Legendre quadrature, with the Fresnel
     reflectance r and the sky radiance L_sky per diffuse irradiance. The weight w of a facet is its share of the sea as
     the sensor sees it, p cos(incidence) / [cos(tilt) cos(view zenith) (1 + Lambda)], with the probability density p of
     slopes and Smith's Lambda (`slopes.hidden`). Facets that face away from the sensor, or reflect the sea instead of

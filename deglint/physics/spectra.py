@@ -66,7 +66,7 @@ def jonswap_peak(*, wind: float, fetch: float) -> float:
 
 
 def developed_fetch(wind: float) -> float:
-    """Fetch [m] where JONSWAP and Pierson-Moskowitz have equal peak frequencies; `wind`: speed [m/s] at 10 m height."""
+    """Fetch [m] where JONSWAP and Pierson-Moskowitz have equal peak frequencies, for a wind [m/s] at 10 m height."""
     return GRAVITY**2 / wind * (3.5 / pierson_moskowitz_peak(wind_19_5=WIND_19_5 * wind)) ** 3
 
 

@@ -53,11 +53,11 @@ class Correction:
     layout: Layout  # of the corrected image
     chain: Chain = field(default_factory=Chain)
     area: Area | None = None  # pixels that may be corrected, if the user has given a mask
-    water: WaterRule | None = None  # without `area`: rule that finds the pixels; None: all pixels
+    water: WaterRule | None = None  # rule that finds these pixels if there is no `area`; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
     changed: tuple[int, ...] = ()  # 0-based bands that the removal or the chain may change
     want_amount: bool = False
-    noise: tuple[float, ...] | None = None  # standard deviation of noise, for bands `changed`; None: no flags wanted
+    noise: tuple[float, ...] | None = None  # standard deviation of noise of bands `changed`; None without flags
     want_stderr: bool = False
     replaced: tuple[ReplacedError, ...] = ()  # one per band: error variances, for a chain with an opening
     left: Posterior | None = None  # estimates the error of glint that is left, if no stage of the chain does
@@ -245,8 +245,8 @@ def correction(
 ) -> Correction:
     """Make the `Correction` of a scene from the model, the chain and the water rule in `fitted`.
 
-    `mask` and `dtype` replace the mask of the recipe and the data type of the scene. `targets` are the outputs: if one
-    needs noise or standard errors, these are estimated on `threads` threads. Raises as `open_area`, `_with_stderr`.
+    `mask` and `dtype` replace the mask of the recipe and the data type of the scene. Noise and standard errors that the
+    outputs `targets` need are estimated on `threads` threads. Raises the errors of `open_area` and `_with_stderr`.
     """
     wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
@@ -274,7 +274,7 @@ def correction(
 
 
 def _tile_shape(work: Correction) -> tuple[int, int]:
-    """Rows and columns of the tiles in which a scene is corrected; if `by_cells`, whole cells (see `CHAIN_CELL`)."""
+    """Rows and columns of the tiles in which a scene is corrected; whole cells (`CHAIN_CELL`) if `by_cells` is True."""
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
     if work.by_cells:

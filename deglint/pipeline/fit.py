@@ -136,7 +136,7 @@ def _fit_overviews(
     method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
     if sampled and recipe.sample == "auto" and recipe.mask != "auto":
-        # without --sample, it is the mask file; for the mask "none" the water, or all pixels if none is found
+        # without --sample, the sample is the mask file; for the mask "none", the water or, if none is found, all
         sample = recipe.mask
         if sample == "none":
             water = overview_of(scene, nir, threads).water

@@ -52,7 +52,7 @@ SkyGlint = dict[str, Any] | None  # what `sky_glint` returns
 SKY_MODEL = "harrison-coombes"
 """Sky model for the reported sky glint: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
 SKY_WINDS = (5.0, 1.0, 15.0)
-"""If the scene states no wind: wind for the reported sky glint (default of simulations), and for its range [m/s]."""
+"""Winds if the scene states none: for the reported sky glint (default of simulations), and for its range [m/s]."""
 VISIBILITIES = (40.0, 15.0, 80.0)
 """Visibility for the reported sky glint (default of plans), and in haze and very clear air for its range [km]."""
 _ANGLE_TAGS = {
@@ -128,8 +128,8 @@ def glint_numbers(counts: PixelCounts, noise: Mapping[str, float]) -> dict[str, 
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
     """Layout of the corrected image; its type is `dtype`, by default the scene's. `options`: GDAL creation options.
 
-    The output has the nodata of the input (of the first band with one); if its type cannot hold it, NaN (floats), or no
-    nodata but a mask (integers). It also has a mask if the input has one, or floats without nodata become integers.
+    The output has the nodata of the input (of the first band with one). If its type cannot hold it, floats get NaN, and
+    integers a mask. It also has a mask if the input has one, or if floats without nodata become integers.
     """
     source, bands = raster_of(scene), tuple(range(len(scene.bands)))
     info, out = source.info, np.dtype(dtype or source.info.dtype)

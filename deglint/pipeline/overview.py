@@ -28,7 +28,7 @@ Work = Callable[[Tile], T]
 Note = Callable[[int, int], None]  # of the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
-LEAST_VALID = OVERVIEW_PIXELS // 4  # valid pixels in an overview, else the next is tried: some 2 of its 8 tiles
+LEAST_VALID = OVERVIEW_PIXELS // 4  # fewest valid pixels of an overview (about 2 of its 8 tiles), else the next
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
 """Most pixels that the overview of a whole scene keeps in memory. A larger scene is read completely, and only some of
@@ -109,7 +109,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int) -> Overview:
-    """The first overview with water, else the last one; without visible bands the first one. `nir` is 0-based."""
+    """The first overview with water, else the last one; the first one without visible bands. `nir` is 0-based."""
     for overview in overviews(scene, nir, threads, wanted=True):
         if overview.water is None or overview.water.has_water:
             break

@@ -128,7 +128,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
-    """0-based NIR band of each set of simultaneous bands; empty for one set, if a set has no NIR, or a band no set."""
+    """0-based NIR band of each set of simultaneous bands; empty if there is one set, or a NIR or a set is missing."""
     groups = list(dict.fromkeys(b.group for b in scene.bands))
     if None in groups or len(groups) < 2:
         return ()

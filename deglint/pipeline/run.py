@@ -98,7 +98,7 @@ def remove_glint(
     run = Run(tiling.default_threads(threads), progress or Reporter(), cluster)
     with environment():
         files = check_outputs(source, recipe, reading.get("sensor"), targets)
-        # begun before the scene is opened: what changes from now on is noticed
+        # it starts before the scene is opened, to notice all later changes
         checksum = Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
         scene = settled(open_scene(source, **reading))
         with raster_of(scene):
@@ -162,7 +162,7 @@ def prepare(
 
 
 def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, checksum: Checksum, run: Run) -> Result:
-    """Correct a scene and write all `targets`. Raises NoWaterError if the model corrects bands, but no pixel here."""
+    """Correct a scene and write all `targets`. Raises NoWaterError if bands, but no pixels, are corrected."""
     scene = work.scene
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:

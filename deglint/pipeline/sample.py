@@ -70,8 +70,8 @@ class Training:
 
 
 def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Callable[[Tile], Training]:
-    """Make a function that reads a tile and `halo` pixels around. Sample: the recipe's, else water away from shores.
-    With a sample of the recipe, `Training.water` is the sample; if `with_water`, also the water that is found.
+    """Make a function that reads a tile with a halo. Its sample is that of the recipe, else water away from shores. If
+    the recipe has a sample, `Training.water` is this sample, and if `with_water` also the water that is found.
     """
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
     rule = job.overview.water if sampler is None or with_water else None
@@ -132,8 +132,8 @@ def setting(job: Job) -> Setting:
 
 
 def read_training(job: Job, *, for_chain: bool) -> list[Training]:
-    """Read the training tiles; if `for_chain`, each with its halo and a mask of all water. If they have over 600,000
-    pixels in all, evenly spread tiles with about 300,000 are read, whatever the blocks in which the file is stored.
+    """Read the training tiles. If `for_chain` is True, each has its halo and a mask of all water. If they have over
+    600,000 pixels in all, evenly spread tiles with about 300,000 are read, whatever the blocks of the file are.
     """
     places: Sequence[Tile] = job.sampler.squares if job.sampler else job.overview.tiles
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
@@ -184,7 +184,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit chain `text` and `method` to training tiles; describe the sample. For "off": no chain, always `wiener`."""
+    """Fit chain `text` and `method` to training tiles; describe the sample. The chain "off" has only `wiener`."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model
@@ -217,7 +217,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """Part of a tile for trials: of the squares (`TRIED_SIDE`) at its corners the first with sample, else the first."""
+    """Part of a tile for trials: the first square (`TRIED_SIDE`) at a corner that has sample, else the first corner."""
     tile, side = found.tile, TRIED_SIDE
     rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
     corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]
@@ -232,7 +232,7 @@ def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
     """Fit a pointwise method (no neighbouring pixels) to its sample; also return its description and log lines."""
     sampler = job.sampler or sampler_of(job)
     pixels = sum(tile.pixels for tile in sampler.tiles)
-    if sampler.bounds:  # pixels of the window around it, not of all tiles that this touches
+    if sampler.bounds:  # count pixels of the window around the sample, not of whole tiles
         pixels = math.prod(high - low for low, high in sampler.bounds)
     share, levels = max(1, -(-pixels // KEPT_PIXELS)), math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1)))
     plan = replace(METHODS[method].plan(job.request), share=share, levels=levels)  # type: ignore[misc]
@@ -267,7 +267,7 @@ def _read(job: Job, sampler: Sampler, plan: SamplePlan) -> Iterator[tuple[Sample
 
 
 def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
-    """The `Place` of the sample in a tile, from its `mask` (row, column); with an outline if `outlined` is a scene."""
+    """The `Place` of the sample in a tile, from its `mask` (row, column); outlined if `outlined` is a scene."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None, []

@@ -75,7 +75,7 @@ def is_finite(values: Raw) -> Valid:
 
 
 def holds(dtype: npt.DTypeLike, number: float) -> bool:
-    """Whether an integer type can hold a number exactly; for floating-point types always True."""
+    """Whether an integer type can hold a number exactly; always True for floating-point types."""
     if np.dtype(dtype).kind not in "iu":
         return True
     limits = np.iinfo(dtype)

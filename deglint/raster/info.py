@@ -154,7 +154,7 @@ def _what_instead(path: str) -> str:
 
 
 def remedy(path: str, said: str = "") -> str:
-    """Sentences for an error message: why the file `path` cannot be read (`said`: message of GDAL), and a remedy."""
+    """Sentences for an error message: why the file `path` cannot be read (GDAL's message is `said`), and a remedy."""
     if "No such file" in said:
         return "The file, or a file that it names, is missing: put it there."
     if REMOTE_NAME.match(path):

@@ -171,7 +171,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path, *, sparse: bool) -> None:
-    """Check 4 blocks per band of the scratch file `path`: WriteError if one is cut off or, unless `sparse`, missing."""
+    """Check 4 blocks per band of the file `path`; raise WriteError if one is cut off or, unless `sparse`, missing."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]

@@ -280,7 +280,7 @@ def _discard(*paths: Path) -> None:
 
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Convert errors of a `with` block that writes `target`: of GDAL or disk to WriteError, of values to InputError."""
+    """Convert errors in a `with` block that writes `target`: of GDAL or disk to WriteError, in values to InputError."""
     try:
         yield
     except WriteError:

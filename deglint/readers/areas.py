@@ -216,7 +216,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
         raise InputError(f"{option} {path} has {info.count} bands, not one. Save one: gdal_translate -b 1 IN OUT.tif")
     apart = info.crs is None or scene.crs is None
     if apart and (info.height, info.width) == (scene.height, scene.width):
-        info = replace(info, transform=None)  # of the scene's size: it is assumed to be on the scene's grid
+        info = replace(info, transform=None)  # a raster of the scene's size is assumed to be on its grid
     source, same = nearest_on(info, scene), same_grid(info, scene)
     if not same and (apart or info.transform is None or scene.transform is None):
         raise InputError(

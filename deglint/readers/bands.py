@@ -47,8 +47,8 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
     """Return the bands of a scene, the name of the sensor preset that was used (or None), and notes for the log.
 
     `stems`: for each band, its file's name without extension, or "". A band without a name is named after its file.
-    `sensor`: preset or .toml file that the user selected (BandError if it does not fit), or None. The wavelength of a
-    band is in a tag, else a number in its name, else the preset's, else it follows from a code or colour in its name.
+    `sensor`: preset or .toml file that the user selected (BandError if it does not fit), or None. A wavelength comes
+    from a tag, else from a number in the band's name, else from the preset, else from a code or colour in the name.
     """
     names, unnamed = _names(info, stems)
     bands = [
@@ -67,7 +67,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
-    """A copy of `info` with wavelengths and widths of `bands`, and their names where it has none, for outputs."""
+    """A copy of `info` with wavelengths and widths of `bands`, and their names if it lacks them, for outputs."""
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
@@ -100,7 +100,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Derive missing wavelengths from codes, letters or colours in names, not of `unnamed`; return bands and notes."""
+    """Derive missing wavelengths from codes, letters or colours in names, except `unnamed`; return bands and notes."""
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     filled = []
     for i, (band, letter) in enumerate(zip(bands, spectral.letter_wavelengths([b.name for b in bands]), strict=True)):

@@ -103,7 +103,7 @@ def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
 
 
 def _pixel_area(info: RasterInfo, first: RasterInfo) -> float:
-    """Area of one pixel of a file, in the CRS of file `first`; it grows as the bounds do."""
+    """Area of one pixel of a file, in the CRS of file `first`, from the areas of the file's bounds in both CRS."""
     own, there = (abs((b[2] - b[0]) * (b[3] - b[1])) for b in (_bounds(info, info), _bounds(info, first)))
     return abs(float(_transform(info).determinant)) * (there / own if own else 1.0)
 
@@ -239,7 +239,7 @@ def ground_size(transform: Affine | None, crs: Any, height: int, width: int) -> 
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Geometric mean of a pixel's sides on the ground [m]; without transform, from tag GSD_M or the sensor; or None."""
+    """Geometric mean of a pixel's sides on the ground [m]; without transform, from tag GSD_M or the sensor, or None."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}

@@ -185,8 +185,8 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 def _by_role(scene: Scene, role: str) -> int | None:
     """0-based index of the band with a role (a key of `_ROLES`), or None.
 
-    It is the band nearest to the preferred wavelength, in the first range of the role that contains a band. Only if no
-    stated wavelength is in a range, nominal ones from names are used: "depth Green" may be beside a true green band.
+    It is the band nearest to the preferred wavelength, in the first range of the role that contains a band. Nominal
+    wavelengths from names are used only if no stated one is in a range, as a name may mislead ("depth Green").
     """
     for waves in ([b.wavelength for b in scene.bands], _wavelengths(scene)):
         for (low, high), centre in _ROLES.get(role, ()):

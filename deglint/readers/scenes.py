@@ -111,7 +111,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """Assets of a STAC Item that hold its bands: those of `keys`, or as in `list_scenes`. `path`: its file or URL."""
+    """Assets of a STAC Item that hold its bands: those of `keys`, or as in `list_scenes`. `path` is its file or URL."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -134,7 +134,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets used by default, as in `list_scenes`; else InputError, in which `what` names the Item."""
+    """Keys of the assets used by default, as in `list_scenes`. Raises InputError, which calls the Item `what`."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     roles = {k: a["roles"] if isinstance(a.get("roles"), list) else [] for k, a in rasters.items()}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
@@ -224,8 +224,8 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
     given : the arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with
         *, ? or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and
         whose optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, URL)
-    assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty: those with one band, by
-        wavelength; if fewer than two, the only one with several bands, else the only raster with role "data", or at all
+    assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty, these are the assets of
+        one band, by wavelength; if fewer than two, the only one of several bands, else the only raster (role "data")
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:

@@ -176,7 +176,7 @@ def wavelength_in_name(name: str) -> float | None:
 
     A number counts if it has a unit, if it is near the wavelength of a colour word in the name, or if only a prefix
     ("band") precedes it. A number alone from 1970 to 2100 may be a year and does not count. None if there is no number.
-    Of a range with a unit, it is the middle.
+    For a range with a unit, the middle is returned.
 
     >>> wavelength_in_name("band_0.490"), wavelength_in_name("865 nm"), wavelength_in_name("B08")
     (490.0, 865.0, None)
@@ -220,7 +220,7 @@ def nominal_wavelength(name: str) -> float | None:
 
 
 def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
-    """Nominal wavelengths [nm] of two or more bands, all named by different letters (R, G, B, NIR); else all None."""
+    """Nominal wavelengths [nm] of two or more bands named by different letters (R, G, B, NIR); all None otherwise."""
     folded = [n.strip().lower() for n in names]
     letters = len(set(folded)) == len(folded) >= 2 and all(n in _LETTERS for n in folded)
     return [_LETTERS[n] if letters else None for n in folded]

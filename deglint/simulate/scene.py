@@ -39,7 +39,7 @@ class Light:
         deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
 
         def over(depth: Floats | float, albedo: Floats | float) -> Floats:
-            """Radiance (band, *depth.shape) of water over ground at a depth [m]; `albedo`: float or (wavelength, 1)."""
+            """Radiance (band, *depth.shape) of water over ground at a depth [m]; `albedo` may be (wavelength, 1)."""
             column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
             seen = water.submerged_reflectance(
                 Iops(*column[3:]), column[0], *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]

@@ -5,8 +5,7 @@ vignetting and row gradient are corrected while pixels are read. Bands of a capt
 
 References
 ----------
-MicaSense, imageprocessing (micasense.utils.raw_image_to_radiance),
-https://github.com/micasense/imageprocessing
+MicaSense, imageprocessing (micasense.utils.raw_image_to_radiance), https://github.com/micasense/imageprocessing
 DJI, Mavic 3M Image Processing Guide (2023), equation 9 and the vignetting correction.
 """
 

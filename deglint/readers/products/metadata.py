@@ -289,7 +289,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
     """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
 
-    Nodata and tags of the file are kept; so is all of its scaling, if `scaled_by_itself`. `sensor`: a tag, or None.
+    Nodata and tags of the file are kept; so is its scaling if it is `scaled_by_itself`. `sensor` is a tag or None.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     flat = bands[0].flat if info.count == 1 else None
