@@ -68,14 +68,14 @@ class Case:
 
     @property
     def name(self) -> str:
-        """As file names have it."""
+        """Name of the files of the scene, without suffix."""
         delay = "wv3" if self.delay is None else f"{1000 * self.delay:.0f}ms"
         more = f"_{self.resampling}" * bool(self.resampling) + "_f30" * self.sensor.endswith("f30")
         return f"p{100 * self.gsd:03.0f}_w{self.wind:g}_{delay}{more}_seed{self.seed}"
 
     @property
     def setup(self) -> Setup:
-        """What to simulate."""
+        """Setup of the simulation."""
         sensor = replace(preset(self.sensor), gsd=self.gsd)
         sensor = sensor if self.delay is None else sensor.delayed(self.delay)
         there, artefacts = objects(*self.kinds, gsd=self.gsd), Artefacts(resampling=self.resampling)
@@ -83,7 +83,7 @@ class Case:
                      artefacts=artefacts)  # fmt: skip
 
     def written(self, folder: Path) -> Path:
-        """Its file."""
+        """Simulate the scene, write it to a folder, and return its image file."""
         write_scene(simulate(self.setup), folder / self.name, overwrite=True)
         return folder / f"{self.name}.tif"
 

@@ -71,7 +71,7 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot) of a band; where the pivot is lost or inexact, with 0, and change `state`.
+    """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 where the pivot is lost or inexact; change `state` there.
 
     pivot : (pixels,), like all arrays: sum of squared deviations of the band in the ring that earlier bands do not
         explain. It is lost if it is at most `exact` (the relative rounding error) times the sum of squares of the band,

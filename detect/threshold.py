@@ -120,7 +120,7 @@ class Threshold:
     notes: tuple[str, ...] = ()
 
     def measured(self, above: int | None, n: int) -> Self:
-        """A copy with the observed rate: `above` of `n` scores exceed `value`. Without change if `above` is None."""
+        """A copy with the observed rate: `above` of `n` scores exceed `value`. The same object if `above` is None."""
         return self if above is None else replace(self, pfa_observed=above / n if n else None)
 
     def __str__(self) -> str:

@@ -101,8 +101,7 @@ def score(
 def rx(array: "DataArray", background: Background | None = None, **options: Any) -> "DataArray":
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    `options` are fields of `detect.pipeline.Recipe`, such as covariance, ridge and bands. `array`, `background` and the
-    result are as in `score`.
+    `options` are fields of `detect.pipeline.Recipe`, such as covariance. Other arguments and result are as in `score`.
 
     Examples
     --------

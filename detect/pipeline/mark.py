@@ -49,7 +49,7 @@ class Marker:
         return 2 if len(self.beside[ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold for the requested false-alarm rate; of method "sea", from scores without confirmed objects."""
+        """Threshold for the requested false-alarm rate. For "sea", confirmed objects (`_clutter`) are left out."""
         recipe, law, tail = self.plan.recipe, self.plan.law, self.tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
@@ -93,7 +93,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def _found(self, pixels: Places, above: float = -math.inf) -> list[Object]:
-        """Objects among some pixels, by `min_size` and `merge_distance` of the recipe; `above`: see `find_among`."""
+        """Objects among some pixels, by `min_size` and `merge_distance` of the recipe and `above` of `find_among`."""
         recipe, area = self.plan.recipe, self.plan.pixel_area
         return find_among(
             *pixels, above=above, min_size=recipe.min_size, merge_distance=recipe.merge_distance, pixel_area=area
@@ -115,7 +115,10 @@ class Marker:
         return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
     def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
-        """Objects alongside a quay above the threshold, up to the rate that it has ("peaks") or `afloat` / area."""
+        """Objects alongside quays that exceed the threshold and the limit of large objects (`Clutter.large`).
+        `afloat` is the number of other objects. The limit of false objects per km2 is that at the threshold if its
+        method is "peaks", else `afloat` divided by the area.
+        """
         clutter = self._clutter
         dimmest = max(threshold.value, clutter.large[1])  # quays and clutter are dimmer than this
         found = [o for o in self._found(self.beside[ALONGSIDE]) if o.score_max > dimmest]

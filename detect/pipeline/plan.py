@@ -298,7 +298,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
 
 
 def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
-    """Fit the statistics of the water of a scene; in a large scene, only to a sample of blocks that contain water."""
+    """Fit the statistics of the water to a scene, or to a sample of blocks that contain water if the scene is large."""
     scene, blocks, nir = plan.scene, [], []
     block_side = _SAMPLE_BLOCK if max(scene.height, scene.width) > 2 * _SAMPLE_BLOCK else 2 * _SAMPLE_BLOCK
     everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0

@@ -36,7 +36,7 @@ class Recipe:
     covariance, ridge : str, float
         As in `detect.background.fit`; without a background for the whole scene, as in `global_rx.Method`.
     background : str
-        Pixels in the mask to compare with. "": all valid ones; else GeoJSON file, raster, window, or saved background.
+        Pixels to compare with: "" (all valid ones in the mask), a GeoJSON file, raster, window, or saved background.
     bands, nir : tuple of str
         Bands to use (empty: visible bands for "sea", else all or those of the saved background), and NIR bands (for
         "residual" and the water mask), by name or 1-based number.
@@ -165,7 +165,7 @@ class Outputs:
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """Paths of the files to be written; of the pictures only that of object 1, and only if their folder exists."""
+        """Paths of the files to be written; if the folder of pictures exists, only that of object 1 is included."""
         style = self.objects.with_suffix(".qml") if self.objects and self.objects.suffix.lower() == ".gpkg" else None
         picture = self.chips / PICTURE.format(1) if self.chips and self.chips.is_dir() else None
         extra = (self.p_value, self.flags, self.objects, self.background, style, picture)

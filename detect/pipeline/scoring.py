@@ -42,7 +42,7 @@ class PixelCounts:
 
     total: int = 0
     masked_out: int = 0  # no score: outside the mask, or (method "sea") beside land
-    not_valid: int = 0  # no score: nodata or not finite; method "lines": or before the statistics have enough pixels
+    not_valid: int = 0  # no score: nodata or not finite; for "lines" also before the statistics have enough pixels
     scored: int = 0
     deficient: int = 0  # scored by a pseudo-inverse (local RX)
     too_few: int = 0  # no score: the ring has too few valid pixels (local RX)

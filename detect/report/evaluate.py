@@ -183,7 +183,7 @@ def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Number, from 1, of the last GeoJSON feature on each pixel's centre, (row, column); else 0. Adds to `notes`."""
+    """Number, from 1, of the last GeoJSON feature on each pixel's centre, (row, column), or 0. Adds to `notes`."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]

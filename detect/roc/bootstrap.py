@@ -104,7 +104,7 @@ def default_grid(background: int) -> Float64:
 def _levels(roc: Roc) -> Array:
     """Ascending levels, (levels,), between which scores are counted: some scores, and the next larger float of each.
 
-    The scores: up to 1024 distinct ones of targets, evenly spaced; those of background at even and log-spaced ranks.
+    They are up to 1024 distinct scores of targets, evenly spaced, and those of background at even and log-spaced ranks.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:

@@ -63,7 +63,7 @@ class GlintScale:
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
-        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side`: see attributes."""
+        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side` is the attribute."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
         flat = cls(centre, spread, side, np.zeros(1), np.ones(1))

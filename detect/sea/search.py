@@ -116,7 +116,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
     `tail` holds the highest scores of the searched sea; `area` is its area [km2]. Candidates are connected pixels above
     `LOW` times `q90`, the 90 % quantile of the score over water; large, bright ones are confirmed (see `_CONFIRMED`,
-    `_LARGE_OBJECTS`, `_BODY`). `fine` is True if pixels are smaller than a boat; if not, round ones are no clutter.
+    `_LARGE_OBJECTS`, `_BODY`). `fine`: pixels are smaller than a boat. If not, round candidates are no clutter.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -140,7 +140,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _round(found: Object, low: float) -> bool:
-    """Whether a candidate, all pixels above the score `low`, is wider than the blur and at no contour elongated."""
+    """Whether a candidate is wider than the blur, and elongated at no contour; its pixels exceed the score `low`."""
     if found.score_max * max(_CONTOURS) <= low:
         return False
     values = np.zeros(found.footprint.shape)
@@ -162,7 +162,7 @@ def _without(tail: Tail, taken: Array) -> Tail:
 
 
 class Rated(NamedTuple):
-    """An object with the measures of how reliable it is."""
+    """An object with measures of its reliability."""
 
     found: Object
     kind: str  # "afloat", "round" or "alongside" a quay; "anomaly" for detectors that do not distinguish them
@@ -173,7 +173,7 @@ class Rated(NamedTuple):
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
     """`Rated` objects by ascending `rate`, which is multiplied by `strata`, the number of object kinds.
 
-    A "round" object may be a cloud, and clouds are many: all others of `Clutter.clouds` count as false, dim or bright.
+    A "round" object may be a cloud, and clouds are many: all other `Clutter.clouds`, dim or bright, count as false.
     """
     found = sorted(found, key=lambda o: -o.score_top)
     kinds = ["round" if o.peak in clutter.clouds else "afloat" for o in found]
