@@ -270,7 +270,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels on `sea` (see `isolated`) may be boats: with land in view and not `EVERYWHERE`."""
+        """Whether `bright` pixels on `sea` may be boats: land is in view, and some squares of sea have none."""
         has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)

@@ -28,8 +28,8 @@ class Recipe:
         NIR bands by name or 1-based number (a single one also without a tuple); determined automatically if empty.
     nir_use : {"auto", "mean", "best", "set"}
         Reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains it
-        best; "set", the NIR band taken at the same time. "auto": "set" if `nir` is empty and the sensor takes its bands
-        in sets at different times, each with a NIR band; else "mean".
+        best; "set", the NIR band taken at the same time. "auto" is "set" if `nir` is empty and the sensor takes its
+        bands in sets at different times, each with a NIR band; else it is "mean".
     bands : tuple of str
         Bands to correct, by name or 1-based number; if empty, all of shorter wavelength than the longest NIR band
         (all other bands if none of them has a wavelength).

@@ -290,7 +290,7 @@ def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[M
 def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references: int) -> list[Mask]:
     """Masks `inside` without water where the NIR does not explain the bands (`UNLIKE`), as it shows the bottom.
 
-    high : for each tile (plane, row, column) minus local means; the first `references` planes are the references
+    high : for each tile (plane, row, column) minus local means: planes of `references` references, then of the bands
     """
     total, left = partial(box_sum, side=LOCAL_MEAN), []
     for planes, mask in zip(high, inside, strict=True):

@@ -46,7 +46,7 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Make the extent for `names`. If `quick`, it has one wind, a small timed scene, 3 rounds, and 2 seeds."""
+        """Make the extent for `names`. `quick` has one wind, a small timed scene, 3 rounds, and by default 2 seeds."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)
