@@ -261,7 +261,7 @@ def residual_rx(image: Array, background: Given = None, *, nir: Sequence[int], m
 
 
 def _run(method: str, image: Array, background: Given, mask: Mask | None, **options: Any) -> Scores:
-    """Score an image with a method; fit the background if none is given. `options`: for `fit` or `detector`."""
+    """Score an image with a method; fit the background if none is given. `options` are those of `fit` or `detector`."""
     fitting = {name: options.pop(name) for name in ("covariance", "ridge", "threads") if name in options}
     hidden = np.ma.getmask(image)
     image = as_image(image)

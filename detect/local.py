@@ -158,7 +158,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, rule: WindowRule, cell: Tile) -> tuple[Float64, Uint8]:
-    """Scores and states (0 or a key of `STATES`) of the tile `cell`, (row, column); `good`: mask of valid pixels."""
+    """Scores and states (0 or a key of `STATES`) of the tile `cell`, (row, column); `good` masks valid pixels."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
     if len(block) <= SUMS_BANDS and inside.any():

@@ -170,7 +170,7 @@ def _path(zenith: ArrayLike) -> Array:
 
 
 def _both_ways(sun_zenith: ArrayLike, view_zenith: ArrayLike, direct: ArrayLike) -> Array:
-    """Product T_d T_u [1] of the surface transmittances of `submerged_reflectance`; `direct`: its `direct_fraction`."""
+    """Product T_d T_u [1] of the surface transmittances of `submerged_reflectance`; `direct` is `direct_fraction`."""
     direct = within("direct_fraction", direct, 0.0, 1.0, "", "Give direct over total irradiance.")
     downward = direct * (1.0 - fresnel.reflectance(sun_zenith)) + (1.0 - direct) * (1.0 - _SKY_REFLECTANCE)
     return downward * fresnel.radiance_transmittance(view_zenith)

@@ -137,7 +137,7 @@ class Correction:
         return Training(tile, block.outer, block.wide, block.water, np.ones(tile.shape, np.bool_))
 
     def _water_in(self, tile: Tile, physical: FloatArray) -> Mask:
-        """Mask (row, column) of the pixels of a tile that may be corrected; `physical`: (band, row, column)."""
+        """Mask (row, column) of the pixels of a tile that may be corrected; `physical` is (band, row, column)."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None or self.water.all_water:

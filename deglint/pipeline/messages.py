@@ -49,7 +49,7 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
-    """Log the method, its bands, and its warnings; at level DEBUG also `notes`, and the model."""
+    """Log the method, its bands, and its warnings. The `notes` and the model are logged at level DEBUG."""
     bands = ", ".join(f.name for f in model.fits)
     log.info("method: %s", f"{model.method}; bands to correct: {bands}" if bands else "none, the scene is copied")
     why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])

@@ -176,11 +176,11 @@ def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, check
             write_text(scratch, targets.model, saved(fitted) + "\n")
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
-        said = plain(sidecar(scene, fitted, targets, tally, checksum, time.perf_counter() - run.begun))
+        said = plain(sidecar(scene, fitted, targets, counts, checksum, time.perf_counter() - run.begun))
         noise = (
             {scene.names[b]: n for b, n in zip(work.changed, work.noise or (), strict=True)} if targets.flags else {}
         )
-        said |= plain({"sun_glint": glint_numbers(tally, noise)}) if targets.flags else {}
+        said |= plain({"sun_glint": glint_numbers(counts, noise)}) if targets.flags else {}
         said |= plain({"sky_glint": sky}) if sky else {}
         said |= {"cluster": run.cluster.numbers()} if run.cluster else {}
         if targets.request:
@@ -196,7 +196,7 @@ def _write_tiles(scratch: Scratch, work: Correction, targets: Outputs, sky: SkyG
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
-    tally = PixelCounts()
+    counts = PixelCounts()
     images = {"raw": (targets.image, image)} | beside(scene, image, tuple(work.amount_bands), targets, sky)
     over, progress = (run.cluster or tiling).run, partial(run.progress, "correct")
     with writing_all(scratch, images) as writers:
@@ -205,8 +205,8 @@ def _write_tiles(scratch: Scratch, work: Correction, targets: Outputs, sky: SkyG
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
                 writers["raw"].write_mask(done.valid, tile.window)
-            tally.add(done.counts)
-    return tally
+            counts.add(done.counts)
+    return counts
 
 
 @checked_keywords()

@@ -61,7 +61,7 @@ def write_scene(
 
 
 def planned_files(stem: str | Path, setup: "Setup", *, surface: bool = False) -> dict[Path, int]:
-    """Uncompressed bytes of each file of `write_scene`, image first (JSON: 0); `surface`: also of height and slopes."""
+    """Uncompressed size [byte] of each file of `write_scene` (JSON: 0); with `surface`, also of height and slopes."""
     base, count, pixels = _base(stem), len(setup.sensor.bands), math.prod(setup.size)
     sizes = {"": 2 * count, "_truth": 4 * count, "_truth_water": 4 * count, "_truth_noisy": 2 * count}
     sizes |= {"_glint": 4 * count, "_glint_mask": count, "_objects": 2}

@@ -147,7 +147,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> Float64:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, object]]:
-    """GeoJSON polygons of True pixels of a mask, in the scene's CRS; `origin`: row and column of its first pixel."""
+    """GeoJSON polygons of True pixels of a mask, in the scene's CRS; its first pixel is at `origin` (row, column)."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])

@@ -256,7 +256,7 @@ class _Shot:
         self.grids = [(np.empty((2, *self.water.shape), np.float32), offset) for offset in offsets]
 
     def pixels(self, spectrum: Complex, i: int, off: float = 0.0) -> Floats:
-        """Band i, (row, column), of a layer with Fourier transform `spectrum`: blurred, displaced by `off` [pixel]."""
+        """Band i, (row, column), of a layer with Fourier transform `spectrum`, blurred and moved by `off` [pixel]."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)

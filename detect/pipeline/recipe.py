@@ -26,9 +26,9 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `global_rx.DETECTORS`, or "auto": the one with an option that "sea" lacks, if set; "rx" for `threshold`
-        "f" or "chi2", p-values, a background to save, over 16 bands, under 100 pixels, or no water (sought only with
-        the `mask` "auto" or "water"); else "sea".
+        A key of `global_rx.DETECTORS`, or "auto". If an option that "sea" lacks is set, "auto" is the one that has it.
+        It is "rx" for `threshold` "f" or "chi2", p-values, a background to save, over 16 bands, under 100 pixels, or no
+        water (searched for only with the `mask` "auto" or "water"). Otherwise it is "sea".
     window : (int, int)
         For "local": sides of the guard, and of the window around it [pixel].
     border, ddof : str, int
