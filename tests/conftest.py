@@ -15,9 +15,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has a processor: threads 
 
 import numpy as np
 import pytest
-import rasterio
 from hypothesis import settings
-from rasterio.transform import from_origin
+
+from .common import NAMES, PLACE, WATER, read_raster, write_bare
 
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("explore", deadline=None)
@@ -46,10 +46,7 @@ def pytest_collection_modifyitems(config, items):
         items[:] = chosen
 
 
-NAMES = ("blue", "green", "red", "nir")
-WATER = np.array([900.0, 700.0, 400.0, 100.0])
 SLOPES = np.array([1.1, 1.0, 0.9, 1.0])
-PLACE = {"crs": "EPSG:32653", "transform": from_origin(400_000, 800_000, 10, 10)}
 
 
 def make_sea(height=80, width=100, dtype="uint16", seed=0, factor=1.0):
@@ -57,24 +54,13 @@ def make_sea(height=80, width=100, dtype="uint16", seed=0, factor=1.0):
     rng = np.random.default_rng(seed)
     glint = rng.gamma(0.5, 120.0, (height, width))
     noise = rng.normal(0, 3, (4, height, width))
-    sea = (WATER[:, None, None] + SLOPES[:, None, None] * glint + noise).clip(10, 30_000) * factor
+    sea = (WATER + SLOPES[:, None, None] * glint + noise).clip(10, 30_000) * factor
     return np.rint(sea).astype(dtype) if np.dtype(dtype).kind in "iu" else sea.astype(dtype)
 
 
-def write_raster(path, array, *, names=NAMES, mask=None, describe=None, **options):
+def write_raster(path, array, *, names=NAMES, **options):
     """Write an array (band, row, column) as a raster, in UTM unless the options say otherwise."""
-    array = np.asarray(array)
-    count, height, width = array.shape
-    profile = {"driver": "GTiff", "dtype": array.dtype.name, "count": count, "height": height, "width": width}
-    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(path, "w", **(profile | PLACE | options)) as dataset:
-        for i, name in enumerate((names or ())[:count], start=1):
-            dataset.set_band_description(i, name)
-        dataset.write(array)
-        if mask is not None:
-            dataset.write_mask(mask)
-        if describe:
-            describe(dataset)
-    return str(path)
+    return write_bare(path, array, names=names, **(PLACE | options))
 
 
 def write_geojson(path, *rings, crs=None, kind="Polygon", **members):
@@ -90,12 +76,6 @@ def write_geojson(path, *rings, crs=None, kind="Polygon", **members):
         document["crs"] = {"type": "name", "properties": {"name": crs}}
     Path(path).write_text(json.dumps(document))
     return str(path)
-
-
-def read_raster(path):
-    """All bands of a raster as they stand."""
-    with rasterio.open(path) as dataset:
-        return dataset.read()
 
 
 @pytest.fixture

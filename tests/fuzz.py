@@ -23,7 +23,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # as a module of a package it does not find what lies beside it
 
-from fuzz_samples import PLAIN, samples
+from fuzz_samples import samples
 
 ROOT = Path(__file__).parents[1]
 MEMORY = 6 << 30
@@ -87,7 +87,7 @@ def tiff_mutant(data: bytes, dice: random.Random) -> bytes:
 
 
 _SCENES = (
-    "deglint remove -q {scene} {out} {plain}", "deglint remove -q {scene} {out} {plain} --nir 1",
+    "deglint remove -q {scene} {out} {run}", "deglint remove -q {scene} {out} {run} --nir 1",
     "deglint remove -q {scene} {out}", "deglint info {scene}", "deglint info --json {scene}",
     "deglint remove -q {tif} {out} --method hedley --sample all --mask {scene}",
     "deglint plan -q --place {scene} -o {json}",
@@ -119,6 +119,8 @@ BESIDE = ("plain.tif", "mosaic.vrt", "raw.bin", "envi.img", "envi.hdr")
 
 def case(number: int, seed: int, found: dict[str, Path], work: Path) -> list[str]:
     """Write the files of a case; the arguments of the command to run on them, the program first."""
+    from common import RUN
+
     dice = random.Random(f"{seed}:{number}")
     often = ("plain.tif", "lzw.tif", "deflate.tif", "tiles.tif", "zstd.tif", "mosaic.vrt", "envi.hdr", "area.geojson")
     name = dice.choice([*sorted(set(found) - {"scores.tif"}), *often])
@@ -133,7 +135,7 @@ def case(number: int, seed: int, found: dict[str, Path], work: Path) -> list[str
              "recipe": found["recipe.toml"], "out": work / "out" / "out.tif", "json": work / "out" / "out.json",
              "html": work / "out" / "out.html"}  # fmt: skip
     command = dice.choice(COMMANDS.get(name, _SCENES))
-    return [text for word in command.split() for text in (PLAIN if word == "{plain}" else [word.format(**words)])]
+    return [text for word in command.split() for text in (RUN if word == "{run}" else [word.format(**words)])]
 
 
 def serve(directory: Path, seed: int) -> None:

@@ -10,12 +10,12 @@ def samples(directory: Path) -> dict[str, Path]:
     """Small valid files of every kind that the commands read, by name."""
     import numpy as np
     import rasterio
+    from common import NAMES, PLACE, RUN, WATER
     from rasterio.enums import Resampling
 
     rng = np.random.default_rng(5)
     glint = rng.gamma(0.5, 120.0, (48, 64))
-    sea = np.array([900.0, 700, 400, 100])[:, None, None] + glint + rng.normal(0, 3, (4, 48, 64))
-    place = rasterio.transform.from_origin(400_000, 800_000, 10, 10)
+    sea = WATER + glint + rng.normal(0, 3, (4, 48, 64))
     shapes = {
         "plain.tif": {}, "deflate.tif": {"compress": "deflate", "predictor": 2},
         "lzw.tif": {"compress": "lzw", "tiled": True, "blockxsize": 16, "blockysize": 16, "interleave": "pixel"},
@@ -27,12 +27,12 @@ def samples(directory: Path) -> dict[str, Path]:
     }  # fmt: skip
     found = {}
     for name, options in shapes.items():
-        profile = {"driver": "GTiff", "dtype": "uint16", "count": 4, "height": 48, "width": 64, "crs": "EPSG:32653"}
-        profile |= {"transform": place} | options
+        profile = {"driver": "GTiff", "dtype": "uint16", "count": 4, "height": 48, "width": 64}
+        profile |= PLACE | options
         path = found[name] = directory / name
         with rasterio.open(path, "w", **profile) as out:
             out.write(np.clip(sea, 0, 255 if profile["dtype"] == "uint8" else 65535).astype(profile["dtype"]))
-            for i, band in enumerate(("blue", "green", "red", "nir"), start=1):
+            for i, band in enumerate(NAMES, start=1):
                 out.set_band_description(i, band)
     with rasterio.open(found["tiles.tif"], "r+") as out:
         out.build_overviews([2, 4, 8], Resampling.average)
@@ -52,26 +52,14 @@ def samples(directory: Path) -> dict[str, Path]:
     from detect.cli import run as rxdetect
 
     found["model.json"], found["background.json"] = directory / "model.json", directory / "background.json"
-    plain = str(found["plain.tif"])
-    run(
-        [
-            "remove",
-            "-q",
-            plain,
-            str(directory / "o.tif"),
-            *PLAIN,
-            "--overwrite",
-            "--save-model",
-            str(found["model.json"]),
-        ]
-    )
+    plain, model = str(found["plain.tif"]), str(found["model.json"])
+    run(["remove", "-q", plain, str(directory / "o.tif"), *RUN, "--overwrite", "--save-model", model])
     rxdetect(["score", "-q", plain, str(directory / "scores.tif"), "--overwrite", "--save-background",
               str(found["background.json"])])  # fmt: skip
     found["scores.tif"] = directory / "scores.tif"
     return found
 
 
-PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 _RECIPE = """[recipe]
 method = "hedley"
 sample = "all"

@@ -21,8 +21,7 @@ from deglint.raster.simulated import write_scene
 from deglint.remove import wiener
 from deglint.simulate import simulate
 
-ROOT = Path(__file__).parents[1]
-SHARED = ROOT.parent / "shared" / "data"
+from .common import ROOT, beside
 
 
 def printed(*arguments):
@@ -39,8 +38,7 @@ def rows(text):
 
 
 @pytest.mark.slow
-@pytest.mark.shared
-@pytest.mark.skipif(not (SHARED / "simulated").exists(), reason="the shared scenes do not lie beside the project")
+@beside("simulated")
 def test_error():
     text = printed("benchmarks", "error", "--quick")
     published = rows(text)["recorded: hedley ols"]

@@ -33,6 +33,8 @@ from deglint.scene import Band
 from deglint.simulate import Setup, simulate
 from deglint.simulate.underwater import Bottom
 
+from .common import WATER
+
 BANDS = tuple(Band(n, w) for n, w in (("blue", 480.0), ("green", 560.0), ("red", 660.0), ("nir", 840.0)))
 LEVEL = np.array([0.05, 0.04, 0.02, 0.01], np.float32)
 INSIDE = np.ones((128, 128), np.bool_)
@@ -272,9 +274,7 @@ def test_the_rim_of_land_does_not_judge():
 
 def test_a_sea_without_glint_is_copied(write, tmp_path):
     noise = np.random.default_rng(0).normal(0, 3, (4, 96, 96))
-    scene = open_scene(
-        write(tmp_path / "calm.tif", np.rint(np.array([900, 700, 400, 100])[:, None, None] + noise).astype("uint16"))
-    )
+    scene = open_scene(write(tmp_path / "calm.tif", np.rint(WATER + noise).astype("uint16")))
     fitted = fit_scene(scene)
     assert fitted.choice is not None
     assert fitted.choice.best.method == "copy"
@@ -306,8 +306,7 @@ def test_rare_sparkle_at_fine_pixels_is_removed(write, tmp_path):
     rng = np.random.default_rng(3)
     clumps = cv2.dilate((rng.random((256, 256)) < 1e-3).astype(np.float32), np.ones((5, 5)))
     glint = 800 * clumps * rng.uniform(0.3, 1, clumps.shape)
-    water = np.array([900, 700, 400, 100])[:, None, None]
-    image = np.rint(water + rng.normal(0, 3, (4, 256, 256)) + cv2.GaussianBlur(glint, (5, 5), 0.7)).astype("uint16")
+    image = np.rint(WATER + rng.normal(0, 3, (4, 256, 256)) + cv2.GaussianBlur(glint, (5, 5), 0.7)).astype("uint16")
     fine = {"transform": rasterio.transform.from_origin(5e5, 4e6, 0.1, 0.1)}
     fitted = fit_scene(open_scene(write(tmp_path / "in.tif", image, **fine)))
     assert fitted.choice is not None

@@ -17,7 +17,7 @@ from deglint.cli import remove as command
 from deglint.remove import METHODS, REGRESSIONS
 from detect.global_rx import DETECTORS
 
-PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import RUN
 
 
 def child(code):
@@ -79,20 +79,20 @@ def test_help_lists_options_in_groups_with_their_defaults(program, name, groups,
 
 
 def test_done_is_0_and_stdout_stays_empty(deglint, sea, write, tmp_path):
-    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *PLAIN)
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *RUN)
     assert ran.code == 0
     assert ran.out == ""
     assert "out.tif: 8000 of 8000 pixels corrected" in ran.err
 
 
 def test_quiet_says_nothing(deglint, sea, write, tmp_path):
-    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *PLAIN, "-q")
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *RUN, "-q")
     assert ran == (0, "", "")
 
 
 def test_json_is_all_there_is_on_stdout(deglint, sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
-    ran = deglint("remove", source, tmp_path / "out.tif", *PLAIN, "--json")
+    ran = deglint("remove", source, tmp_path / "out.tif", *RUN, "--json")
     assert json.loads(ran.out) == json.loads((tmp_path / "out.tif.json").read_text())
     info = deglint("info", source, "--json")
     assert info.code == 0
@@ -248,7 +248,7 @@ def test_a_fault_of_its_own_is_one_line_too(deglint, monkeypatch, tmp_path):
 def test_running_in_a_thread_is_allowed(sea, write, tmp_path):
     codes = []
     source = write(tmp_path / "in.tif", sea())
-    call = ["remove", source, str(tmp_path / "out.tif"), *PLAIN, "-q"]
+    call = ["remove", source, str(tmp_path / "out.tif"), *RUN, "-q"]
     thread = threading.Thread(target=lambda: codes.append(cli.run(call)))
     thread.start()
     thread.join()
@@ -257,7 +257,7 @@ def test_running_in_a_thread_is_allowed(sea, write, tmp_path):
 
 def test_progress_is_drawn_on_a_terminal_and_nowhere_else(deglint, sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
-    call = ["remove", source, str(tmp_path / "out.tif"), *PLAIN, "--overwrite"]
+    call = ["remove", source, str(tmp_path / "out.tif"), *RUN, "--overwrite"]
     assert "\r" not in deglint(*call).err
     terminal, end = pty.openpty()
     done = subprocess.run([sys.executable, "-m", "deglint", *call], stdout=subprocess.PIPE, stderr=end, check=False)
@@ -287,7 +287,7 @@ def test_a_reader_that_leaves_is_no_fault(sea, write, tmp_path):
 
 def test_a_closed_stderr_is_no_fault(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
-    line = f"'{sys.executable}' -m deglint remove '{source}' '{tmp_path}/out.tif' {' '.join(PLAIN)} 2>&-"
+    line = f"'{sys.executable}' -m deglint remove '{source}' '{tmp_path}/out.tif' {' '.join(RUN)} 2>&-"
     assert subprocess.run(["bash", "-c", line], stdout=subprocess.DEVNULL, check=False).returncode == 0
 
 

@@ -24,10 +24,11 @@ from deglint.tiles import tiles
 from detect.pipeline import Recipe as Scoring
 from detect.pipeline import score_file
 
+from .common import RUN
+
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed", "ignore::ResourceWarning")
 LIMIT = 1 << 30
 TILED = {"tiled": True, "blockxsize": 64, "blockysize": 64, "compress": "deflate"}
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 CHAIN = "identify-level:7, replace-level, remove, identify-level:5, replace-level"
 RECIPES = {
     "automatic": Recipe(),

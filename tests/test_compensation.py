@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,10 +12,10 @@ import rasterio
 
 from deglint import Recipe, correct, fit_scene, open_scene, remove_glint
 from deglint.errors import DeglintError
-from deglint.physics.presets import preset
 from deglint.pipeline import load_chain, load_model
 from deglint.raster.simulated import write_scene
-from deglint.simulate import Setup, simulate, thesis_array
+
+from .common import at_wavelengths, simulated_squares, write_bare
 
 SIDE = 192
 OPENING = "psf:2, identify-level:13, targets, replace-level, remove"
@@ -23,20 +24,14 @@ POSTERIOR = "targets, remove, posterior"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Scenes by delay and pixel, made once: the file, the truth, and the level of the water."""
-    place, known = tmp_path_factory.mktemp("seas"), {}
+    """Scenes by delay, made once: the file, and the truth."""
+    place = tmp_path_factory.mktemp("seas")
 
-    def make(delay=0.06, wind=7.0, sensor="thesis"):
-        key = f"{delay}_{wind}_{sensor}"
-        if key not in known:
-            setup = Setup(
-                sensor=preset(sensor).delayed(delay), size=(SIDE, SIDE), wind=wind, sky="cardioidal", patch=0.06,
-                objects=thesis_array((SIDE, SIDE), 0.25, sides=(16,)), seed=11,
-            )  # fmt: skip
-            scene = simulate(setup)
-            write_scene(scene, place / key, truth=False)
-            known[key] = place / f"{key}.tif", scene.truth.astype(np.float64)
-        return known[key]
+    @cache
+    def make(delay=0.06):
+        scene = simulated_squares(SIDE, 7.0, delay, seed=11)
+        write_scene(scene, place / f"delay{1000 * delay:g}", overwrite=True, truth=False)
+        return place / f"delay{1000 * delay:g}.tif", scene.truth.astype(np.float64)
 
     return make
 
@@ -145,20 +140,17 @@ def test_flags_and_counts_agree(made, tmp_path):
     assert np.count_nonzero(flags & 64) >= max(result.sidecar["pixels"]["replaced"].values())
 
 
+def written(path, array, scene):
+    tags = [{"wavelength": b.wavelength, "time_offset_s": b.time_offset} for b in scene.bands]
+    return write_bare(path, array, names=scene.names, band_tags=tags)
+
+
 def test_what_is_not_valid_stays_as_it_is(made, tmp_path):
     path, _ = made()
     scene = open_scene(path)
     values = scene.read().astype(np.float32)
     values[:, 40:60, 50:90] = np.nan
-    file = tmp_path / "holes.tif"
-    with rasterio.open(
-        file, "w", driver="GTiff", dtype="float32", count=len(values), height=SIDE, width=SIDE
-    ) as target:
-        target.write(values)
-        for i, band in enumerate(scene.bands, start=1):
-            target.set_band_description(i, band.name)
-            target.update_tags(i, wavelength=str(band.wavelength), time_offset_s=str(band.time_offset))
-    remove_glint(file, tmp_path / "out.tif", Recipe(compensate=OPENING))
+    remove_glint(written(tmp_path / "holes.tif", values, scene), tmp_path / "out.tif", Recipe(compensate=OPENING))
     clean = open_scene(tmp_path / "out.tif").read()
     assert np.isnan(clean[:, 40:60, 50:90]).all()
     assert np.isfinite(clean).sum() == np.isfinite(values).sum()
@@ -172,13 +164,7 @@ def test_other_types(made, tmp_path, dtype):
     values = scene.read()
     factor = 250 / np.percentile(values, 99, axis=(1, 2), keepdims=True) if dtype == "uint8" else 1.0
     array = np.clip(np.rint(values * factor), 1, 255) if dtype == "uint8" else values
-    file = tmp_path / "other.tif"
-    with rasterio.open(file, "w", driver="GTiff", dtype=dtype, count=len(values), height=SIDE, width=SIDE) as target:
-        target.write(array.astype(dtype))
-        for i, band in enumerate(scene.bands, start=1):
-            target.set_band_description(i, band.name)
-            target.update_tags(i, wavelength=str(band.wavelength), time_offset_s=str(band.time_offset))
-    result = remove_glint(file, tmp_path / "out.tif")
+    result = remove_glint(written(tmp_path / "other.tif", array.astype(dtype), scene), tmp_path / "out.tif")
     clean = open_scene(tmp_path / "out.tif").read().astype(float)
     assert np.isfinite(clean).all()
     before, after = (np.abs(x - truth * factor)[:5].mean() for x in (array, clean))
@@ -188,13 +174,9 @@ def test_other_types(made, tmp_path, dtype):
 def few_bands(made, tmp_path, bands):
     path, _ = made()
     scene = open_scene(path)
-    file = tmp_path / "few.tif"
-    with rasterio.open(file, "w", driver="GTiff", dtype="float32", count=len(bands), height=SIDE, width=SIDE) as target:
-        target.write(scene.read().astype("float32")[list(bands)])
-        for i, b in enumerate(bands, start=1):
-            target.set_band_description(i, scene.bands[b].name)
-            target.update_tags(i, wavelength=str(scene.bands[b].wavelength))
-    return file
+    few = [scene.bands[b] for b in bands]
+    return write_bare(tmp_path / "few.tif", scene.read().astype("float32")[list(bands)],
+                      names=[b.name for b in few], band_tags=at_wavelengths(*(b.wavelength for b in few)))  # fmt: skip
 
 
 def test_two_bands_are_enough(made, tmp_path):

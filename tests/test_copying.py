@@ -11,6 +11,8 @@ import rasterio.shutil
 from deglint import Recipe, remove_glint
 from deglint.pipeline import correct
 
+from .common import WATER
+
 CALM = Recipe(compensate="off", mask="none")
 
 
@@ -20,7 +22,7 @@ def calm(sea, write, tmp_path):
 
     def make(dtype="uint16", hole=True, **options):
         rng = np.random.default_rng(3)
-        raw = np.array([900, 700, 400, 100])[:, None, None] + rng.normal(0, 5, (4, 320, 300))
+        raw = WATER + rng.normal(0, 5, (4, 320, 300))
         if hole:
             raw[:, :40, :50] = 0
         path = tmp_path / "in.tif"
@@ -103,7 +105,7 @@ def test_a_truncated_file_is_not_copied(calm, deglint, tmp_path):
 
 def test_a_tile_without_a_valid_pixel_skips_the_chain(write, read, tmp_path, monkeypatch):
     rng = np.random.default_rng(2)
-    raw = rng.normal(np.array([900, 700, 400, 100])[:, None, None], 5, (4, 512, 2048)).astype(np.float32)
+    raw = rng.normal(WATER, 5, (4, 512, 2048)).astype(np.float32)
     for band in raw:
         band[rng.random(band.shape) < 0.02] += 300
     raw[:, :, :1200] = np.nan

@@ -17,8 +17,7 @@ from deglint import Recipe, remove_glint
 from deglint.errors import InputError, ReadError, WriteError
 from deglint.remove.strips import Strips
 
-HEDLEY = Recipe(method="hedley", sample="all", mask="none")
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import HEDLEY, RUN, write_vrt
 
 
 @pytest.fixture
@@ -70,12 +69,7 @@ def test_a_truncated_file(refused, sea, write, tmp_path, layout, part):
 
 
 def test_a_virtual_raster_whose_file_is_missing(refused, tmp_path):
-    path = tmp_path / "in.vrt"
-    path.write_text(
-        f"""<VRTDataset rasterXSize="150" rasterYSize="200"><VRTRasterBand dataType="UInt16" band="1"><SimpleSource>
-        <SourceFilename>{tmp_path}/gone.tif</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand>
-        </VRTDataset>"""
-    )
+    path = write_vrt(tmp_path / "in.vrt", 200, 150, "gone.tif", bands=(1,))
     said = refused(path, *RUN, "--bands", "nir", "--mask", "none", "--sample", "all")
     assert "gone.tif" in said
     assert "is missing" in said

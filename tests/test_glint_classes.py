@@ -10,17 +10,11 @@ from deglint import Recipe, open_scene, remove_glint
 from deglint.pipeline.flags import CORRECTABLE, NEGLIGIBLE, NOT_ASSESSED, UNCORRECTABLE, glint_classes, sky_glint
 from deglint.simulate import Setup, simulate
 
+from .common import at_wavelengths
+
 HEDLEY = Recipe(method="hedley", sample="0,50,100,30", mask="0,0,60,80", compensate="off")
+CENTRES = at_wavelengths(480, 550, 660, 1030)
 ANGLES = {"sun_elevation": "50", "sun_azimuth": "135", "view_elevation": "80", "view_azimuth": "300"}
-
-
-def wavelengths(**tags):
-    def describe(dataset):
-        dataset.update_tags(**tags)
-        for i, wavelength in enumerate((480, 550, 660, 1030), start=1):
-            dataset.update_tags(i, wavelength=wavelength, wavelength_units="nm")
-
-    return describe
 
 
 def test_classes_follow_from_amount_noise_and_saturation():
@@ -75,7 +69,8 @@ def test_missing_values_of_a_band_are_no_noise_and_not_counted_as_changed(sea, w
 
 @pytest.mark.parametrize("wind", ["0.05", "0.1", "15"])
 def test_sky_glint_takes_a_stated_wind_within_the_range_of_the_slope_models(sea, write, tmp_path, wind):
-    found = sky_glint(open_scene(write(tmp_path / "in.tif", sea(), describe=wavelengths(**ANGLES, WIND_M_S=wind))))
+    path = write(tmp_path / "in.tif", sea(), tags=ANGLES | {"WIND_M_S": wind}, band_tags=CENTRES)
+    found = sky_glint(open_scene(path))
     assert found["wind_stated"] == (wind != "0.05")
 
 
@@ -97,7 +92,7 @@ def test_sky_glint_is_that_of_the_simulated_sea(sky, tmp_path):
 def test_amounts_state_the_sky_glint_where_the_scene_states_its_angles(sea, write, read, caplog, tmp_path):
     caplog.set_level(logging.INFO, "deglint")
     for name, tags in (("with", ANGLES), ("without", {}), ("wrong", ANGLES | {"sun_elevation": "-5"})):
-        source = write(tmp_path / f"{name}.tif", sea(), describe=wavelengths(**tags))
+        source = write(tmp_path / f"{name}.tif", sea(), tags=tags, band_tags=CENTRES)
         amount = tmp_path / f"a_{name}.tif"
         found = remove_glint(source, tmp_path / f"o_{name}.tif", HEDLEY, amount=amount).sidecar.get("sky_glint")
         with rasterio.open(amount) as dataset:

@@ -10,29 +10,19 @@ import numpy as np
 import pytest
 import rasterio.shutil
 
-from deglint import Recipe, remove_glint
+from deglint import remove_glint
 from deglint.batch import jobs_of, read_config, state_of
 from deglint.checksum import Checksum, are_as
 from deglint.errors import InputError, ReadError
 from deglint.raster.targets import check_targets, files_behind
 from deglint.readers.scenes import list_scenes
-from detect.cli import run as run_rxdetect
 
-HEDLEY = Recipe(method="hedley", sample="all", mask="none")
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import HEDLEY, NAMES, RUN, write_vrt
 
 
-def mosaic(path, *sources, bands=4):
-    """A VRT whose bands are those of the first source, or of one source each."""
-    each = [(sources[0], b) for b in range(1, bands + 1)] if len(sources) == 1 else [(s, 1) for s in sources]
-    inside = "".join(
-        f'<VRTRasterBand dataType="UInt16" band="{i}"><Description>{name}</Description><SimpleSource>'
-        f'<SourceFilename relativeToVRT="1">{source}</SourceFilename><SourceBand>{band}</SourceBand></SimpleSource>'
-        "</VRTRasterBand>"
-        for i, ((source, band), name) in enumerate(zip(each, ("blue", "green", "red", "nir"), strict=False), 1)
-    )  # fmt: skip
-    path.write_text(f'<VRTDataset rasterXSize="100" rasterYSize="80">{inside}</VRTDataset>')
-    return path
+def mosaic(path, source, bands=4):
+    """A VRT of the bands of a scene."""
+    write_vrt(path, 80, 100, source, bands=range(1, bands + 1), names=NAMES[:bands])
 
 
 @pytest.fixture
@@ -130,14 +120,9 @@ def test_companions_that_are_read_stay(deglint, scene, monkeypatch):
     assert contents(scene) == before
 
 
-def rxdetect(capfd, *arguments):
-    capfd.readouterr()
-    return run_rxdetect(list(map(str, arguments))), capfd.readouterr().err
-
-
 @pytest.mark.parametrize("output", ["scores.tif", "truth.tif", "m.tif", "link2.tif"])
 @pytest.mark.parametrize("beside", ["", ".json"])
-def test_a_report_never_replaces_what_is_judged(capfd, scene, write, monkeypatch, output, beside):
+def test_a_report_never_replaces_what_is_judged(rxdetect, scene, write, monkeypatch, output, beside):
     monkeypatch.chdir(scene)
     rng = np.random.default_rng(1)
     write("scores.tif", rng.random((1, 80, 100)).astype("f4"), names=None)
@@ -149,9 +134,9 @@ def test_a_report_never_replaces_what_is_judged(capfd, scene, write, monkeypatch
         os.link(output, "r.html.json")
         output = "r.html"
     before = contents(scene)
-    code, said = rxdetect(capfd, "roc", "scores.tif", "truth.tif", "--mask", "m.tif", "--report", output, "--overwrite")
-    assert code == 1
-    assert "would be lost" in said
+    ran = rxdetect("roc", "scores.tif", "truth.tif", "--mask", "m.tif", "--report", output, "--overwrite")
+    assert ran.code == 1
+    assert "would be lost" in ran.err
     assert contents(scene) == before
 
 
@@ -161,12 +146,12 @@ def test_a_report_never_replaces_what_is_judged(capfd, scene, write, monkeypatch
      ("src.tif", "o.tif", "--background", "s.geojson", "--pfa", "0.01", "--objects", "s.geojson"),
      ("src.tif", "o.tif", "--p-value", "link.tif")],
 )  # fmt: skip
-def test_scores_never_replace_what_is_read(capfd, scene, monkeypatch, arguments):
+def test_scores_never_replace_what_is_read(rxdetect, scene, monkeypatch, arguments):
     monkeypatch.chdir(scene)
     before = contents(scene)
-    code, said = rxdetect(capfd, "score", *arguments, "--overwrite")
-    assert code == 1
-    assert "would be lost" in said
+    ran = rxdetect("score", *arguments, "--overwrite")
+    assert ran.code == 1
+    assert "would be lost" in ran.err
     assert contents(scene) == before
 
 
@@ -297,7 +282,7 @@ def test_a_source_that_changes_under_way_is_noticed(deglint, scene, monkeypatch,
     assert not Path("out.tif").exists()
 
 
-def test_a_mask_or_score_that_changes_under_way_is_noticed(deglint, capfd, scene, write, monkeypatch):
+def test_a_mask_or_score_that_changes_under_way_is_noticed(deglint, rxdetect, scene, write, monkeypatch):
     monkeypatch.chdir(scene)
     from deglint.pipeline import correct
 
@@ -314,9 +299,9 @@ def test_a_mask_or_score_that_changes_under_way_is_noticed(deglint, capfd, scene
     assert "m.tif was changed while it was read" in deglint("remove", "src.tif", "o.tif", *RUN[:-1], "m.tif").err
     write("t.tif", np.eye(80, 100, dtype=np.uint8)[None], names=None)
     monkeypatch.setattr(evaluating, "read_inputs", changing("src.tif", evaluating.read_inputs))
-    code, said = rxdetect(capfd, "roc", "src.tif", "t.tif", "--report", "r.html", "--bootstrap", "0")
-    assert code == 1
-    assert "src.tif was changed while it was read" in said
+    ran = rxdetect("roc", "src.tif", "t.tif", "--report", "r.html", "--bootstrap", "0")
+    assert ran.code == 1
+    assert "src.tif was changed while it was read" in ran.err
     assert not {"o.tif", "r.html"} & {p.name for p in scene.iterdir()}
 
 

@@ -9,7 +9,8 @@ import rasterio
 from deglint import cli
 from detect import cli as detect_cli
 
-PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import RUN
+
 EVERY = [(p.cli, n) for p in (cli, detect_cli) for n in p.COMMANDS]
 
 
@@ -50,7 +51,7 @@ def test_no_colour_leaves_the_program_where_there_is_no_terminal(deglint):
 
 def test_a_dry_run_fits_and_writes_nothing(deglint, sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
-    call = ("remove", source, tmp_path / "out.tif", *PLAIN, "--flags", tmp_path / "flags.tif", "--dry-run", "-q")
+    call = ("remove", source, tmp_path / "out.tif", *RUN, "--flags", tmp_path / "flags.tif", "--dry-run", "-q")
     ran = deglint(*call)
     assert (ran.code, ran.err) == (0, "")
     sizes = "out.tif (64 kB)", "flags.tif (16 kB)"
@@ -78,8 +79,8 @@ def test_a_dry_run_fits_and_writes_nothing(deglint, sea, write, tmp_path):
 def test_a_dry_run_refuses_what_the_run_refuses(deglint, sea, write, tmp_path, monkeypatch, options, said):
     monkeypatch.chdir(tmp_path)
     call = ("remove", write(tmp_path / "in.tif", sea()), "out.tif")
-    assert deglint(*call, *PLAIN, "--save-model", "m.json").code == 0
-    fit = () if "--model" in options else PLAIN
+    assert deglint(*call, *RUN, "--save-model", "m.json").code == 0
+    fit = () if "--model" in options else RUN
     for dry in ((), ("--dry-run",)):
         ran = deglint(*call, *fit, *options, "--overwrite", *dry)
         assert (ran.code, ran.err.count("\n")) == (1, 1)
@@ -89,7 +90,7 @@ def test_a_dry_run_refuses_what_the_run_refuses(deglint, sea, write, tmp_path, m
 @pytest.mark.parametrize("options", [("--compensate", "thesis", "--amount"), ("--stderr",)])
 def test_a_dry_run_counts_the_bands_of_each_output(deglint, sea, write, tmp_path, monkeypatch, options):
     monkeypatch.chdir(tmp_path)
-    call = ("remove", write(tmp_path / "in.tif", sea()), "out.tif", *PLAIN, *options, "more.tif")
+    call = ("remove", write(tmp_path / "in.tif", sea()), "out.tif", *RUN, *options, "more.tif")
     sizes = json.loads(deglint(*call, "--dry-run", "--json", "-q").out)["files"]
     assert deglint(*call).code == 0
     for name in ("out.tif", "more.tif"):
@@ -123,7 +124,7 @@ def test_an_output_has_the_ending_of_what_it_holds(deglint, rxdetect, sea, write
         ("--save-model", "m.tif", "m.json"),
     ):
         for dry in ((), ("--dry-run",)):
-            ran = deglint("remove", source, tmp_path / "out.tif", *PLAIN, option, tmp_path / name, *dry)
+            ran = deglint("remove", source, tmp_path / "out.tif", *RUN, option, tmp_path / name, *dry)
             assert (ran.code, f"Name it {right}." in ran.err) == (1, True), ran.err
     for program, command in ((deglint, "remove"), (rxdetect, "score")):
         ran = program(command, source, tmp_path / "in.tif.json")

@@ -9,7 +9,7 @@ import deglint
 from deglint import Recipe, timing
 from deglint.cli.running import Console
 
-PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none", "--compensate", "off")
+from .common import RUN
 
 
 def test_decisions_are_logged_before_the_work(sea, write, tmp_path, caplog):
@@ -47,7 +47,8 @@ def test_band_delays_are_logged(write, sea, tmp_path, caplog):
     [((), "NIR is band 4", "R2"), (("-v",), "R2", "Traceback"), (("-q",), "", "NIR")],
 )
 def test_a_command_shows_as_much_as_it_is_asked_for(options, shown, hidden, deglint, sea, write, tmp_path):
-    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *PLAIN, *options)
+    source = write(tmp_path / "in.tif", sea())
+    ran = deglint("remove", source, tmp_path / "out.tif", *RUN, "--compensate", "off", *options)
     assert (ran.code, ran.out) == (0, "")
     assert shown in ran.err
     assert hidden not in ran.err

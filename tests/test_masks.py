@@ -5,7 +5,6 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from deglint.errors import FitError
 from deglint.masks import Roles, deep_water, fit_sample, fit_water, water
 from deglint.remove.detrend import detrend
 
-ROLES = Roles(blue=0, green=1, red=2, nir=3)
-DATA = Path(__file__).parents[2] / "shared" / "data"
+from .common import ROLES, SHARED
 
 
 def open_water(shape=(200, 240), *, glint=0.004, noise=0.0006, seed=1):
@@ -331,8 +329,8 @@ def test_import_is_cheap():
 
 # --------------------------------------------------------------------------------------- the shared scenes
 REAL = {
-    "casablanca": Roles(blue=0, green=1, red=2, nir=3),
-    "honolulu": Roles(blue=0, green=1, red=2, nir=3),
+    "casablanca": ROLES,
+    "honolulu": ROLES,
     "palau": Roles(blue=1, green=2, red=3, nir=7),
     "wistari": Roles(blue=1, green=2, red=3, nir=7),
 }
@@ -348,7 +346,7 @@ SIMULATED = (
 
 
 def load(folder, name):
-    path = DATA / folder / f"{name}.tif"
+    path = SHARED / folder / f"{name}.tif"
     if not path.is_file():
         pytest.skip(f"{folder}/{name}.tif is not there")
     rasterio = pytest.importorskip("rasterio")

@@ -158,7 +158,7 @@ def test_saturated_boats_among_saturated_glint_are_not_water():
     sea = simulated(sensor=sensor, size=(320, 320), wind=8.0, sun_zenith=21.0, patch=0.02, seed=3)
     boat = np.s_[100:118, 80:130]
     assert (sea[3] == sea[3].max()).mean() > 0.01
-    roles = Roles(nir=3, blue=0, green=1, red=2)
+    roles = ROLES
     assert water(sea, fit_water([sea], roles, pixel=0.16)).all()
     sea[:, *boat] = sea.max(axis=(1, 2))[:, None, None]
     found = water(sea, fit_water([sea], roles, pixel=0.16))

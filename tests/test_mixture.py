@@ -11,6 +11,8 @@ from deglint.pipeline.sample import offshore
 from deglint.remove import SampleTile, mixture, nir_request
 from deglint.scene import Band
 
+from .common import whole_tile
+
 BANDS = (Band("GREEN", 560.0), Band("RED", 660.0), Band("NIR", 840.0))
 
 
@@ -23,8 +25,7 @@ def faint_glint(seed=0, shape=(192, 256)):
 
 
 def fitted(block):
-    every = np.ones(block.shape[1:], bool)
-    return mixture.fit(nir_request(BANDS, [2], regression="detrended"), [SampleTile(block, every, every)], 0.02)
+    return mixture.fit(nir_request(BANDS, [2], regression="detrended"), [whole_tile(block)], 0.02)
 
 
 def test_an_object_under_a_clump_of_glint_does_not_draw_the_kernels():
@@ -40,18 +41,14 @@ def test_an_object_under_a_clump_of_glint_does_not_draw_the_kernels():
 def test_the_level_is_that_of_the_pixels_without_glint():
     block, glint = faint_glint()
     calm = glint == 0
-    every = np.ones_like(calm)
-    model = mixture.fit(
-        nir_request(BANDS, [2], regression="detrended"), [SampleTile(block, every, every)], float(calm.mean())
-    )
+    model = mixture.fit(nir_request(BANDS, [2], regression="detrended"), [whole_tile(block)], float(calm.mean()))
     water = np.median(remove.apply(block, model)[:, calm], axis=1)
     assert water[:2] == pytest.approx([100, 50], abs=0.5)
 
 
 def test_the_level_is_raised_by_what_is_cut():
     block, _ = faint_glint()
-    every = np.ones(block.shape[1:], bool)
-    tiles, request = [SampleTile(block, every, every)], nir_request(BANDS, [2], regression="detrended")
+    tiles, request = [whole_tile(block)], nir_request(BANDS, [2], regression="detrended")
     plain, raised = (remove.apply(block, mixture.fit(request, tiles, 0.02, cut)) for cut in (None, (2.0, 1.0, 0.0)))
     assert np.median(raised - plain, axis=(1, 2)) == pytest.approx([2, 1, 0], abs=1e-3)
 
@@ -59,9 +56,8 @@ def test_the_level_is_raised_by_what_is_cut():
 def test_no_pixel_becomes_darker_than_the_water():
     """Where the NIR alone is bright, the prediction is too large; what was dark before keeps its value."""
     block, _ = faint_glint()
-    every = np.ones(block.shape[1:], bool)
     request = nir_request(BANDS, [2], regression="detrended")
-    model = mixture.fit(request, [SampleTile(block, every, every)], 0.02)
+    model = mixture.fit(request, [whole_tile(block)], 0.02)
     seen = block.copy()
     seen[2, 20:30, 20:30] += 50
     seen[:2, 25, 25] -= 30

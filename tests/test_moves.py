@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from deglint import Recipe, remove_glint
+from deglint import remove_glint
 from deglint.errors import WriteError
 from deglint.raster.targets import Scratch, _clear_scratch
 
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
-HEDLEY = Recipe(method="hedley", sample="all", mask="none")
+from .common import HEDLEY, RUN
+
 OUTPUTS = ("out.tif", "out.tif.json", "f.tif", "m.json")
 
 

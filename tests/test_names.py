@@ -1,7 +1,6 @@
 """Names of bands as distributors give them, and what users state of bands: names, wavelengths, scale, sensors."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,15 +14,11 @@ from deglint.readers.bands import match, only_numbered, short_names
 from deglint.readers.spectral import band_code, example_names, letter_wavelengths, plain_name, wavelength_in_name
 from deglint.scene import Band
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
+from .common import SENTINEL2, SHARED, beside, wavelengths
 
 
 def named(*names):
     return [Band(n) for n in names]
-
-
-def at(scene):
-    return [b.wavelength for b in scene.bands]
 
 
 @pytest.mark.parametrize(
@@ -55,13 +50,10 @@ def test_parts_of_names():
     assert [example_names(2), example_names(6)] == ["blue,nir", "blue,green,red,nir,b5,b6"]
 
 
-S2 = ("B02", "B03", "B04", "B08")
-
-
 @pytest.mark.parametrize(
     ("names", "sensor", "expected"),
     [
-        (("B2", "B3", "B4", "B8"), "sentinel2", S2),
+        (("B2", "B3", "B4", "B8"), "sentinel2", SENTINEL2),
         (("SREFL_B8", "SREFL_B4"), "sentinel2", ("B08", "B04")),
         (("band08", "band02"), "sentinel2", ("B08", "B02")),
         (("nbart_blue", "nbart_nir_1", "nbart_nir_2", "nbart_swir_2"), "sentinel2", ("B02", "B08", "B8A", "B11")),
@@ -98,7 +90,7 @@ def test_names_of_distributors_find_the_bands_of_a_sensor(names, sensor, expecte
 )
 def test_wavelengths_from_names_alone(tmp_path, write, names, expected):
     path = write(tmp_path / "a.tif", np.zeros((len(names), 4, 5), np.uint16), names=names)
-    assert at(open_scene(path)) == expected
+    assert wavelengths(open_scene(path)) == expected
 
 
 @pytest.mark.parametrize(
@@ -124,7 +116,7 @@ def test_files_of_one_band_are_named_after_what_distinguishes_them(stems, expect
 def test_bands_without_names_are_known_by_their_number(tmp_path, write, sensor, count, last):
     path = write(tmp_path / "a.tif", np.zeros((count, 4, 5), np.uint16), names=())
     scene = open_scene(path, sensor=sensor)
-    assert at(scene)[-1] == last
+    assert wavelengths(scene)[-1] == last
     assert scene.names == tuple(b.name for b in sensors.load(sensor).product(count))
     said = [n for n in scene.notes if "matched by" in n]
     whole = count == len(sensors.load(sensor).bands)
@@ -183,7 +175,7 @@ def test_bands_and_wavelengths_name_a_file_without_metadata(tmp_path, write, sea
     named = open_scene(path, bands="blue,green,red,nir")
     assert named.names == ("blue", "green", "red", "nir")
     assert find_nir(named) == (3,)
-    assert at(open_scene(path, wavelengths=[0.475, 560, 668, 842])) == [475, 560, 668, 842]
+    assert wavelengths(open_scene(path, wavelengths=[0.475, 560, 668, 842])) == [475, 560, 668, 842]
     both = open_scene(path, bands=["a", "b", "c", "d"], wavelengths="475,560,668,842")
     assert both.names == ("a", "b", "c", "d")
     assert find_nir(both) == (3,)
@@ -301,7 +293,7 @@ def test_a_sensor_of_ones_own(tmp_path, write):
     assert [b.time_offset for b in scene.bands] == [0, 0.1, 0.2]
     assert optics_of(scene)["f_number"] == 4
     two = open_scene(write(tmp_path / "b.tif", np.zeros((2, 4, 5), np.uint16), names=()), sensor=str(toml))
-    assert at(two) == [550, 860]
+    assert wavelengths(two) == [550, 860]
 
 
 @pytest.mark.parametrize(
@@ -339,21 +331,19 @@ def test_a_sensor_file_with_a_mistake_names_key_and_what_is_allowed(tmp_path, wr
 # beside the project
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not beside the project")
+@beside()
 def test_shared_four_bands_without_names(deglint):
     path = SHARED / "real" / "sdb" / "image.tif"
     assert "taken for blue,green,red,nir" in deglint("info", path).err
     found = json.loads(deglint("info", path, "--bands", "blue,green,red,nir", "--json").out)
     assert found["nir"] == ["nir"]
     assert 0 < found["r2"]["blue"] < 1
-    assert at(open_scene(path, sensor="sentinel2")) == [492.4, 559.8, 664.6, 832.8]
+    assert wavelengths(open_scene(path, sensor="sentinel2")) == [492.4, 559.8, 664.6, 832.8]
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not beside the project")
+@beside()
 def test_shared_ten_bands_are_named_as_the_cameras_name_them():
     scene = open_scene(SHARED / "real" / "micasense" / "aligned_0192.tif")
-    assert at(scene)[5:] == [444, 531, 650, 705, 740]
+    assert wavelengths(scene)[5:] == [444, 531, 650, 705, 740]
     assert find_nir(scene) == (3,)
     assert None not in [b.width for b in open_scene(scene.path, sensor="micasense10").bands]

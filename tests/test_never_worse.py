@@ -7,9 +7,9 @@ import pytest
 import rasterio
 
 from deglint import Recipe, correct, fit_scene, open_scene
-from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
-from deglint.simulate import Setup, simulate, thesis_array
+
+from .common import simulated_squares
 
 WORSE = 1.01
 LITTLE = 0.01  # of the water: where glint is as weak, the image is copied, and a method may be this much better
@@ -19,16 +19,10 @@ SIDE, VISIBLE = 160, 5
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Scenes by wind, view and optics, as files, made once; with glint, or without, or without it in a half."""
-    place, known = tmp_path_factory.mktemp("away"), {}
+    place = tmp_path_factory.mktemp("away")
 
-    def make(wind, zenith, azimuth=0.0, sensor="thesis", delay=0.06, glint="everywhere"):
-        key = f"{wind:g}_{zenith:g}_{azimuth:g}_{sensor}_{1000 * delay:g}"
-        if key not in known:
-            known[key] = simulate(Setup(
-                sensor=preset(sensor).delayed(delay), size=(SIDE, SIDE), wind=wind, sky="cardioidal", patch=0.06,
-                view_zenith=zenith, view_azimuth=135.0 + azimuth, objects=thesis_array((SIDE, SIDE), 0.25, sides=(16,)),
-            ))  # fmt: skip
-        scene = known[key]
+    def make(wind, zenith, sensor="thesis", delay=0.06, glint="everywhere"):
+        scene = simulated_squares(SIDE, wind, delay, sensor, view_zenith=zenith, view_azimuth=135.0)
         image = scene.image.copy()
         if glint != "everywhere":
             part = slice(SIDE // (1 if glint == "nowhere" else 2))

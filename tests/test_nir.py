@@ -8,11 +8,9 @@ import pytest
 from deglint.errors import BandError, InputError
 from deglint.readers import band_roles, explain_nir, find_nir, open_scene
 from deglint.readers.roles import find_band
-from deglint.scene import Band, Scene
+from deglint.scene import Band
 
-
-def scene_of(*bands):
-    return Scene(bands=tuple(bands), height=4, width=5, source=None, path="scene.tif")
+from .common import scene_of
 
 
 def bands_at(*wavelengths):

@@ -5,14 +5,13 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from numba.core import caching
 
 from deglint.jit import njit
 
-ROOT = Path(__file__).parents[1]
+from .common import ROOT
 
 
 def twice(x):

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rasterio.features import rasterize
-from rasterio.transform import from_origin
 
 from deglint.errors import InputError
 from detect.objects import find, to_geojson
+
+from .common import PLACE
 
 MASKS = arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 
@@ -131,7 +132,7 @@ def test_geojson_lies_where_the_pixels_lie(tmp_path):
     mask[9, 12] = True  # touches at a corner: a second polygon
     mask[30, 40] = True
     scores = np.random.default_rng(0).random(mask.shape).astype(np.float32)
-    transform = from_origin(400_000, 800_000, 10, 10)
+    transform = PLACE["transform"]
     found = find(mask, scores, pixel_area=100.0)
     document = to_geojson(found, lambda ring: [transform * p for p in ring])
     path = tmp_path / "found.geojson"

@@ -17,9 +17,7 @@ import deglint as library
 from deglint import Recipe, remove_glint
 from deglint.errors import WriteError
 
-HEDLEY = Recipe(method="hedley", sample="all", mask="none", compensate="off")
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
-DTYPES = ("uint8", "int16", "uint16", "uint32", "int32", "float32", "float64")
+from .common import PLAIN, RUN
 
 
 def everything(dataset):
@@ -34,7 +32,7 @@ def everything(dataset):
 
 def test_everything_about_the_file_is_kept(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea(), describe=everything, nodata=1)
-    remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    remove_glint(source, tmp_path / "out.tif", PLAIN)
     with rasterio.open(source) as old, rasterio.open(tmp_path / "out.tif") as new:
         for name in ("crs", "transform", "descriptions", "units", "scales", "offsets", "nodatavals", "dtypes",
                      "colorinterp", "shape", "bounds", "res"):  # fmt: skip
@@ -49,7 +47,7 @@ def test_everything_about_the_file_is_kept(sea, write, tmp_path):
 
 def test_old_statistics_are_not_kept(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea(), describe=lambda d: d.update_tags(1, STATISTICS_MEAN="5", KEPT="1"))
-    remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    remove_glint(source, tmp_path / "out.tif", PLAIN)
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert dataset.tags(1) == {"KEPT": "1"}
 
@@ -68,7 +66,7 @@ def test_ground_control_points_and_rational_polynomials_are_kept(sea, write, tmp
         dataset.rpcs = rpc
 
     source = write(tmp_path / "in.tif", sea(), crs=None, transform=None, describe=describe)
-    remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    remove_glint(source, tmp_path / "out.tif", PLAIN)
     with rasterio.open(tmp_path / "out.tif") as dataset:
         found, crs = dataset.gcps
         assert [(p.row, p.col, p.x, p.y, p.z) for p in found] == [(p.row, p.col, p.x, p.y, p.z) for p in points]
@@ -234,7 +232,7 @@ def test_a_picture_can_be_looked_at(sea, write, tmp_path, case):
 
 
 def test_the_picture_shows_less_glint_after(sea, write, tmp_path):
-    remove_glint(write(tmp_path / "in.tif", sea(200, 400)), tmp_path / "out.tif", HEDLEY, picture=tmp_path / "p.png")
+    remove_glint(write(tmp_path / "in.tif", sea(200, 400)), tmp_path / "out.tif", PLAIN, picture=tmp_path / "p.png")
     picture = cv2.imread(str(tmp_path / "p.png")).astype(float)
     middle = picture.shape[1] // 2
     before, after = (part.std(axis=(0, 1)) for part in (picture[30:, : middle - 4], picture[30:, middle + 4 :]))
@@ -292,7 +290,7 @@ def test_the_umask_is_respected(sea, write, tmp_path, umask, mode):
     source = write(tmp_path / "in.tif", sea())
     before = os.umask(umask)
     try:
-        remove_glint(source, tmp_path / "out.tif", HEDLEY, picture=tmp_path / "p.png")
+        remove_glint(source, tmp_path / "out.tif", PLAIN, picture=tmp_path / "p.png")
     finally:
         os.umask(before)
     for name in ("out.tif", "out.tif.json", "p.png"):
@@ -306,7 +304,7 @@ def test_an_old_files_mode_is_kept_and_its_companions_go(sea, write, tmp_path):
     out.chmod(0o640)
     for ending in (".aux.xml", ".ovr", ".msk"):
         (tmp_path / f"out.tif{ending}").write_text("of the old file")
-    remove_glint(source, out, HEDLEY, overwrite=True)
+    remove_glint(source, out, PLAIN, overwrite=True)
     assert stat.S_IMODE(out.stat().st_mode) == 0o640
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif", "out.tif.json"]
 
@@ -316,7 +314,7 @@ def test_companions_without_their_image_are_not_deleted_unasked(sea, write, tmp_
     beside = tmp_path / f"out.tif{ending}"
     beside.write_text("of somebody")
     with pytest.raises(WriteError, match=rf"out\.tif\{ending} exists already\. Give --overwrite"):
-        remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", HEDLEY)
+        remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", PLAIN)
     assert beside.read_text() == "of somebody"
 
 
@@ -324,6 +322,6 @@ def test_a_symbolic_link_is_written_through(sea, write, read, tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "real.tif").write_text("old")
     (tmp_path / "out.tif").symlink_to(tmp_path / "there" / "real.tif")
-    remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", HEDLEY, overwrite=True)
+    remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", PLAIN, overwrite=True)
     assert (tmp_path / "out.tif").is_symlink()
     assert read(tmp_path / "there" / "real.tif").shape == (4, 80, 100)

@@ -10,9 +10,7 @@ from deglint import Recipe, remove_glint
 from deglint.pipeline import FLAGS
 from deglint.raster.convert import encode, retype
 
-HEDLEY = Recipe(method="hedley", sample="all", mask="none", compensate="off")
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
-DTYPES = ("uint8", "int16", "uint16", "uint32", "int32", "float32", "float64")
+from .common import DTYPES, PLAIN
 
 
 def expected_of(raw, model, scale=1.0, offset=0.0):
@@ -34,7 +32,7 @@ def sea_in(sea, dtype, **size):
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_every_type_comes_back_as_numpy_says(sea, write, read, tmp_path, dtype):
     raw = sea_in(sea, dtype)
-    result = remove_glint(write(tmp_path / "in.tif", raw, photometric="minisblack"), tmp_path / "out.tif", HEDLEY)
+    result = remove_glint(write(tmp_path / "in.tif", raw, photometric="minisblack"), tmp_path / "out.tif", PLAIN)
     out = read(tmp_path / "out.tif")
     assert out.dtype == dtype
     expected = expected_of(raw, result.fitted.model)
@@ -76,7 +74,7 @@ def test_scale_and_offset_are_used_and_kept(sea, write, tmp_path, dtype):
         dataset.scales, dataset.offsets = [2e-4] * 4, [-0.05] * 4
         dataset.units = ["reflectance"] * 4
 
-    result = remove_glint(write(tmp_path / "in.tif", raw, describe=describe), tmp_path / "out.tif", HEDLEY)
+    result = remove_glint(write(tmp_path / "in.tif", raw, describe=describe), tmp_path / "out.tif", PLAIN)
     model = result.fitted.model
     assert model.indexes[0].level == pytest.approx(raw[3].min() * 2e-4 - 0.05, rel=1e-5)
     with rasterio.open(tmp_path / "out.tif") as dataset:
@@ -93,8 +91,8 @@ def test_scale_and_offset_are_used_and_kept(sea, write, tmp_path, dtype):
 
 def test_float64_keeps_what_float32_could_not(sea, write, read, tmp_path):
     raw = sea(dtype="float64") + 1e8
-    result = remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", HEDLEY)
-    small = remove_glint(write(tmp_path / "b.tif", raw - 1e8), tmp_path / "b_out.tif", HEDLEY)
+    result = remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", PLAIN)
+    small = remove_glint(write(tmp_path / "b.tif", raw - 1e8), tmp_path / "b_out.tif", PLAIN)
     slopes = [f.slope for f in result.fitted.model.fits]
     assert slopes == pytest.approx([f.slope for f in small.fitted.model.fits], rel=1e-6)
     np.testing.assert_allclose(read(tmp_path / "out.tif") - 1e8, read(tmp_path / "b_out.tif"), atol=2e-3)
@@ -108,7 +106,7 @@ def test_nodata_as_a_number_passes_and_nothing_becomes_it(sea, write, read, tmp_
     holes = np.random.default_rng(1).random(raw.shape[1:]) < 0.2
     raw[:, holes] = nodata
     raw[1, 5:9] = nodata  # in one band only
-    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=nodata), tmp_path / "out.tif", HEDLEY)
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=nodata), tmp_path / "out.tif", PLAIN)
     out = read(tmp_path / "out.tif")
     np.testing.assert_array_equal(out == nodata, raw == nodata)
     assert result.counts.nodata == np.count_nonzero(raw[3] == nodata)
@@ -137,7 +135,7 @@ def test_pixels_whose_nir_is_nodata_are_copied(sea, write, read, tmp_path):
     raw[0, 30:40] = np.nan
     raw[1, 50, 50] = np.inf
     raw[3, 60, 60] = -np.inf
-    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=np.nan), tmp_path / "out.tif", HEDLEY)
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=np.nan), tmp_path / "out.tif", PLAIN)
     out = read(tmp_path / "out.tif")
     np.testing.assert_array_equal(out[:, 10:20], raw[:, 10:20])
     np.testing.assert_array_equal(out[:, 60, 60], raw[:, 60, 60])
@@ -161,7 +159,7 @@ def test_a_mask_is_kept_and_says_what_is_not_valid(sea, write, read, tmp_path, i
         with_alpha = np.concatenate([raw, mask[None].astype(raw.dtype)])
         colours = [ColorInterp.blue, ColorInterp.green, ColorInterp.red, ColorInterp.undefined, ColorInterp.alpha]
         source = write(tmp_path / "in.tif", with_alpha, describe=lambda d: setattr(d, "colorinterp", colours))
-    result = remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    result = remove_glint(source, tmp_path / "out.tif", PLAIN)
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert dataset.count == 4
         np.testing.assert_array_equal(dataset.read_masks(), np.broadcast_to(mask, raw.shape))
@@ -177,7 +175,7 @@ def test_float_to_integer_keeps_nodata_as_a_mask_and_counts_what_is_clipped(sea,
     raw[:, :10] = np.nan
     raw[3, 20, 20:30] = 300.0
     raw[0, 30, 30:35] = 70_000.0
-    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=np.nan), tmp_path / "out.tif", HEDLEY, dtype="uint8")
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=np.nan), tmp_path / "out.tif", PLAIN, dtype="uint8")
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert dataset.nodata is None
         np.testing.assert_array_equal(dataset.read_masks(1) == 0, np.isnan(raw[3]))
@@ -196,7 +194,7 @@ def test_float_to_integer_makes_what_is_not_finite_nodata(sea, write, read, tmp_
     raw[:, 10:15] = -9999
     raw[1, 40, 3] = np.inf
     raw[:, 20], raw[:, 21] = np.finfo(np.float32).max, -np.finfo(np.float32).max
-    remove_glint(write(tmp_path / "in.tif", raw, nodata=-9999), tmp_path / "out.tif", HEDLEY, dtype="int16")
+    remove_glint(write(tmp_path / "in.tif", raw, nodata=-9999), tmp_path / "out.tif", PLAIN, dtype="int16")
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert dataset.nodata == -9999
     np.testing.assert_array_equal(
@@ -208,7 +206,7 @@ def test_numbers_that_mean_nodata_are_masked_in_an_integer_output(sea, write, re
     raw = sea(dtype="float32")
     raw[:, 20], raw[:, 21] = np.finfo(np.float32).max, -np.finfo(np.float32).max
     paths = {"flags": tmp_path / "flags.tif", "dtype": "uint16"}
-    said = remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", HEDLEY, **paths).sidecar
+    said = remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", PLAIN, **paths).sidecar
     with rasterio.open(tmp_path / "out.tif") as dataset:
         np.testing.assert_array_equal(dataset.read_masks(1) == 0, read(tmp_path / "flags.tif")[0] == 1)
     assert said["pixels"]["nodata"] == 200
@@ -245,7 +243,7 @@ def test_other_types_saturate_and_never_wrap(dtype, values, expected, clipped):
 
 def test_dtype_float32_keeps_fractions(sea, write, read, tmp_path):
     raw = sea()
-    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=0), tmp_path / "out.tif", HEDLEY, dtype="float32")
+    result = remove_glint(write(tmp_path / "in.tif", raw, nodata=0), tmp_path / "out.tif", PLAIN, dtype="float32")
     out = read(tmp_path / "out.tif")
     assert out.dtype == np.float32
     np.testing.assert_allclose(out, expected_of(raw, result.fitted.model), rtol=3e-7)
@@ -260,7 +258,7 @@ def test_bands_with_different_nodata_agree_in_the_output(sea, write, read, tmp_p
         if nodata is not None:
             raw[i, i * 5 : i * 5 + 5] = nodata
         paths.append(write(tmp_path / f"{name}.tif", raw[i : i + 1], names=[name], nodata=nodata))
-    remove_glint(paths, tmp_path / "out.tif", HEDLEY)
+    remove_glint(paths, tmp_path / "out.tif", PLAIN)
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert set(dataset.nodatavals) == {-1}
         np.testing.assert_array_equal(dataset.read() == -1, (raw == -1) | (raw == -2))
@@ -288,14 +286,14 @@ def test_nodata_that_float32_rounds_is_found_beside_bands_of_float64(sea, write,
     paths = [write(tmp_path / "a.tif", raw[:3].astype(np.float32)), write(tmp_path / "b.tif", raw[3:], names=["nir"])]
     scene = library.open_scene(paths, nodata=-9999.9)
     np.testing.assert_array_equal(np.isnan(scene.read()), raw < 0)
-    remove_glint(paths, tmp_path / "out.tif", HEDLEY, nodata=-9999.9)
+    remove_glint(paths, tmp_path / "out.tif", PLAIN, nodata=-9999.9)
     with rasterio.open(tmp_path / "out.tif") as dataset:
         np.testing.assert_array_equal(dataset.read() == dataset.nodata, raw < 0)
 
 
 def test_nodata_beyond_float32_becomes_nan_without_a_warning(sea, write, tmp_path, recwarn):
     source = write(tmp_path / "in.tif", sea(dtype="float64"), nodata=-1e300)
-    remove_glint(source, tmp_path / "out.tif", HEDLEY, dtype="float32")
+    remove_glint(source, tmp_path / "out.tif", PLAIN, dtype="float32")
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert np.isnan(dataset.nodata)
     assert not [w for w in recwarn if "overflow" in str(w.message)]
@@ -307,7 +305,7 @@ def test_few_bands_of_bytes_make_no_colours_of_their_own(sea, write, tmp_path, b
     cogeo = pytest.importorskip("rio_cogeo")
     raw = sea_in(sea, dtype)[-bands - 1 :]
     source = write(tmp_path / "in.tif", raw, names=("blue", "green", "red", "nir")[-bands - 1 :])
-    remove_glint(source, tmp_path / "out.tif", HEDLEY, flags=tmp_path / "f.tif", amount=tmp_path / "a.tif")
+    remove_glint(source, tmp_path / "out.tif", PLAIN, flags=tmp_path / "f.tif", amount=tmp_path / "a.tif")
     for name in ("out.tif", "f.tif", "a.tif"):
         assert cogeo.cog_validate(tmp_path / name, quiet=True)[0]
     with rasterio.open(tmp_path / "out.tif") as dataset:
@@ -383,13 +381,13 @@ def test_saturated_values_are_counted_as_they_are_rounded(sea, write, tmp_path, 
 def test_the_amount_of_scaled_integers_is_in_physical_units(sea, write, read, tmp_path):
     raw = sea()
     source = write(tmp_path / "in.tif", raw, describe=lambda d: setattr(d, "scales", [1e-4] * 4))
-    result = remove_glint(source, tmp_path / "out.tif", HEDLEY, amount=tmp_path / "amount.tif")
+    result = remove_glint(source, tmp_path / "out.tif", PLAIN, amount=tmp_path / "amount.tif")
     expected = (raw - expected_of(raw, result.fitted.model, 1e-4))[:3] * 1e-4
     np.testing.assert_allclose(read(tmp_path / "amount.tif"), expected, atol=1e-6)
 
 
 def test_the_amount_of_large_integers_keeps_its_digits(sea, write, read, tmp_path):
     raw = sea(dtype="uint32") + np.uint32(2_000_000_000)
-    remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", HEDLEY, amount=tmp_path / "amount.tif")
+    remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", PLAIN, amount=tmp_path / "amount.tif")
     removed = (raw.astype(np.int64) - read(tmp_path / "out.tif"))[:3]
     np.testing.assert_allclose(read(tmp_path / "amount.tif"), removed, atol=0.51)

@@ -19,8 +19,8 @@ import deglint as library
 from deglint import Recipe, fit_scene, open_scene, remove_glint
 from deglint.errors import InputError
 
-HEDLEY = Recipe(method="hedley", sample="all", mask="none", compensate="off")
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import PLACE, PLAIN, RUN
+
 SLOPES = (1.1, 1.0, 0.9)
 
 
@@ -51,17 +51,17 @@ def test_any_size(sea, write, read, tmp_path, size, layout):
     np.testing.assert_allclose(read(tmp_path / "out.tif"), expected, atol=0.51)
     assert (read(tmp_path / "f.tif")[0] == 4).all()
     if raw[3].size >= 70:
-        result = remove_glint(source, tmp_path / "out.tif", HEDLEY, overwrite=True)
+        result = remove_glint(source, tmp_path / "out.tif", PLAIN, overwrite=True)
         assert result.fitted.model.fits[0].n == raw[3].size
 
 
 def test_a_given_model_takes_its_own_recipe_and_refuses_another(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
-    model = fit_scene(open_scene(source), HEDLEY).model
+    model = fit_scene(open_scene(source), PLAIN).model
     for options in ({"method": "joyce"}, {"compensate": "thesis"}):
         with pytest.raises(InputError, match="given model is hedley with no stages: leave out the recipe's method"):
             remove_glint(source, tmp_path / "out.tif", Recipe(**options), model=model)
-    own = replace(HEDLEY, nir_use="best")
+    own = replace(PLAIN, nir_use="best")
     result = remove_glint(source, tmp_path / "own.tif", own, model=model)
     assert (result.fitted.recipe.method, result.fitted.recipe.nir_use) == ("hedley", "auto")
     used = Recipe(mask="none", nir=("nir",), bands=("blue",), compensate="off")
@@ -124,7 +124,7 @@ def masked_by(sea, write, read, tmp_path, mask):
     source = write(tmp_path / "in.tif", raw)
     remove_glint(source, tmp_path / "out.tif", Recipe(method="hedley", sample="all", mask=str(mask)),
                  flags=tmp_path / "f.tif")  # fmt: skip
-    remove_glint(source, tmp_path / "all.tif", HEDLEY)
+    remove_glint(source, tmp_path / "all.tif", PLAIN)
     flags = read(tmp_path / "f.tif")[0]
     inside = flags & 4 != 0
     out = read(tmp_path / "out.tif")
@@ -280,7 +280,7 @@ def test_envi_and_vrt_become_geotiff(deglint, sea, write, read, tmp_path):
         with rasterio.open(out) as dataset:
             assert dataset.driver == "GTiff"
             assert dataset.crs.to_epsg() == 32653
-            assert dataset.transform == from_origin(400_000, 800_000, 10, 10)
+            assert dataset.transform == PLACE["transform"]
 
 
 def test_files_of_one_band_and_different_pixels_are_stacked(deglint, sea, write, tmp_path):
@@ -308,7 +308,7 @@ def test_files_that_cover_different_ground_keep_what_is_missing_as_nodata(sea, w
     paths = [write(tmp_path / f"B0{i + 2}.tif", raw[i : i + 1], names=None) for i in range(3)]
     part = raw[3:, :50]  # the NIR ends after 50 rows
     paths.append(write(tmp_path / "B08.tif", part, names=None))
-    result = remove_glint(paths, tmp_path / "out.tif", HEDLEY)
+    result = remove_glint(paths, tmp_path / "out.tif", PLAIN)
     assert result.counts.nodata == 30 * 100
     assert result.fitted.model.fits[0].n == 50 * 100
     with rasterio.open(tmp_path / "out.tif") as dataset:
@@ -369,9 +369,9 @@ def test_info_of_a_scene_that_cannot_be_worked_on(deglint, write, tmp_path):
 def test_the_library_has_the_same_in_steps(sea, write, read, tmp_path):
     source = write(tmp_path / "in.tif", sea(dtype="float32"))
     scene = open_scene(source)
-    fitted = fit_scene(scene, HEDLEY)
+    fitted = fit_scene(scene, PLAIN)
     clean = library.apply(scene.read(), fitted.model)
-    remove_glint(source, tmp_path / "out.tif", HEDLEY)
+    remove_glint(source, tmp_path / "out.tif", PLAIN)
     np.testing.assert_array_equal(read(tmp_path / "out.tif"), clean)
     fitted = fit_scene(scene)  # with all that is found out by itself
     whole = library.correct(scene, fitted)

@@ -3,7 +3,6 @@
 import json
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +19,8 @@ from deglint.plan.dataset import summary
 from deglint.plan.picture import place_words
 from deglint.plan.reticle import Light
 
-TABLES = Path(__file__).parents[1].parent / "shared" / "tables"
+from .common import table
+
 THESIS = {
     "sun_zenith": 20.5,
     "sun_azimuth": 270.2,
@@ -185,10 +185,7 @@ def test_the_sun_stands_where_pvlib_puts_it():
 @pytest.mark.shared
 def test_objects_against_the_monte_carlo():
     """288 cases: the thesis' water that only absorbs is far off, water that scatters is not."""
-    path = TABLES / "mc_submerged_lambertian_reference.csv"
-    if not path.exists():
-        pytest.skip(f"{path.name} does not lie beside the project")
-    rows = np.genfromtxt(path, delimiter=",", names=True, skip_header=1)
+    rows = table("mc_submerged_lambertian_reference.csv")
     sea = case1(rows["lam"], rows["chl"])
     geometry = (30.0, rows["theta_v"])
     target = {"depth": rows["H"], "reflectance": rows["rho"]}
@@ -204,10 +201,7 @@ def test_objects_against_the_monte_carlo():
 
 @pytest.mark.shared
 def test_sunlight_in_the_bands_of_ecolight():
-    path = TABLES / "ecolight6_userdata_iop_rrs_sza30.csv"
-    if not path.exists():
-        pytest.skip(f"{path.name} does not lie beside the project")
-    runs = np.genfromtxt(path, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
+    runs = table("ecolight6_userdata_iop_rrs_sza30.csv")
     rows = runs[runs["run"] == runs["run"][0]]
     bands = [
         SensorBand(name=f"{centre:g}", low=centre - 5, high=centre + 5, full_scale=1.0) for centre in rows["wl_nm"]

@@ -19,7 +19,7 @@ from deglint.plan.swath import Alternative, FieldOfView, Line, alternatives, vie
 from deglint.plan.swath import words as sentences
 from deglint.plan.sweep import WindEnsemble, best_moment, next_daylight, plans, table, times
 
-BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
+from .common import BAY
 
 
 def between(a, b):

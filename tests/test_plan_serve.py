@@ -15,7 +15,8 @@ from deglint.errors import InputError
 from deglint.plan import Mission, reticle
 from deglint.plan.serve import answer, make_server
 
-BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
+from .common import BAY
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 HOSTS = ("evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "", "127.0.0.1.evil:{port}")
 MOVE = """(() => {{

@@ -3,7 +3,6 @@
 import doctest
 import importlib
 import re
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +13,8 @@ from deglint.pipeline import FLAGS
 from deglint.remove import METHODS, REGRESSIONS
 from detect.global_rx import DETECTORS
 
-ROOT = Path(__file__).parents[1]
+from .common import ROOT
+
 SOURCES = sorted(path for room in ("deglint", "detect") for path in (ROOT / room).rglob("*.py"))
 EXAMPLES = [
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")

@@ -1,13 +1,11 @@
 """The page of promises is what the tests say."""
 
 import re
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from promises import PAGE, PROMISES, ROOT, Counts, page
+from . import promises
+from .common import ROOT
+from .promises import PAGE, PROMISES, Counts, page
 
 
 def test_every_test_that_is_named_is_there():
@@ -32,6 +30,6 @@ def test_counts(monkeypatch):
         of = {"passed": passed, "failed": not passed, "user_properties": more}
         counts.pytest_runtest_logreport(SimpleNamespace(nodeid=f"tests/x.py::{node}", when="call", **of))
     rows = [{"tried": "it", "file": "x", "tests": ["a"]}, {"tried": "more", "file": "x", "tests": ["b"]}]
-    monkeypatch.setattr("promises.PROMISES", {"p": rows})
+    monkeypatch.setattr(promises, "PROMISES", {"p": rows})
     assert "| it | 2 | 1 | `tests/x.py` |" in page(counts)
     assert "| more | 40 | all | `tests/x.py` |" in page(counts)

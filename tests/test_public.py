@@ -15,7 +15,7 @@ from deglint import Recipe
 from deglint.compensate import Chain
 from deglint.pipeline import Fitted
 
-ROOT = Path(__file__).parents[1]
+from .common import ROOT
 
 
 @pytest.mark.parametrize("package", [deglint, detect])

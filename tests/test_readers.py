@@ -17,32 +17,12 @@ from rasterio.warp import transform, transform_bounds
 from deglint.errors import BandError, InputError, ReadError
 from deglint.readers import band_roles, find_nir, open_scene
 from deglint.readers.spectral import nanometres, nominal_wavelength, wavelength_in_name
-from deglint.scene import Scene
+
+from .common import NAMES, SHARED, beside, wavelengths
+from .common import write_bare as write
 
 GDAL = tuple(int(n) for n in rasterio.__gdal_version__.split(".")[:2])
-SHARED = Path(__file__).parents[2] / "shared" / "data"
-shared = [
-    pytest.mark.shared,
-    pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not beside the project"),
-]
 WV3 = ("COASTAL", "BLUE", "GREEN", "YELLOW", "RED", "REDEDGE", "NIR1", "NIR2")
-
-
-def write(path, array, *, names=None, tags=None, band_tags=None, namespaces=None, **options):
-    array = np.asarray(array)
-    count, height, width = array.shape
-    profile = {"driver": "GTiff", "dtype": array.dtype.name, "count": count, "height": height, "width": width}
-    with rasterio.open(path, "w", **(profile | options)) as dataset:
-        dataset.write(array)
-        for i in range(count):
-            if names and names[i]:
-                dataset.set_band_description(i + 1, names[i])
-            if band_tags:
-                dataset.update_tags(i + 1, **band_tags[i])
-        dataset.update_tags(**(tags or {}))
-        for namespace, own in (namespaces or {}).items():
-            dataset.update_tags(ns=namespace, **own)
-    return str(path)
 
 
 def place(x, y, width, height):
@@ -51,14 +31,6 @@ def place(x, y, width, height):
 
 def zeros(count, dtype="uint16"):
     return np.zeros((count, 4, 5), dtype)
-
-
-def scene_of(*bands):
-    return Scene(bands=tuple(bands), height=4, width=5, source=None, path="scene.tif")
-
-
-def wavelengths(scene):
-    return [b.wavelength for b in scene.bands]
 
 
 @pytest.mark.parametrize(
@@ -79,7 +51,9 @@ def test_wavelengths_from_band_tags(tmp_path, tags):
 
 @pytest.mark.parametrize("value", ["{0.49, 0.842}", "0.49,0.842", "[0.49 0.842]"])
 def test_wavelengths_from_a_list_in_the_dataset(tmp_path, value):
-    path = write(tmp_path / "a.tif", zeros(2), namespaces={"ENVI": {"wavelength": value, "fwhm": "{0.03, 0.1}"}})
+    path = write(
+        tmp_path / "a.tif", zeros(2), describe=lambda d: d.update_tags(ns="ENVI", wavelength=value, fwhm="{0.03, 0.1}")
+    )
     scene = open_scene(path)
     assert wavelengths(scene) == pytest.approx([490, 842])
     assert [b.width for b in scene.bands] == pytest.approx([30, 100])
@@ -253,7 +227,9 @@ def test_order_is_refused_where_wavelengths_contradict_it(tmp_path):
 
 
 def test_sensor_from_a_tag_is_used_where_it_fits(tmp_path):
-    fits = open_scene(write(tmp_path / "a.tif", zeros(8), namespaces={"IMAGERY": {"SATELLITEID": "WV02"}}))
+    fits = open_scene(
+        write(tmp_path / "a.tif", zeros(8), describe=lambda d: d.update_tags(ns="IMAGERY", SATELLITEID="WV02"))
+    )
     assert fits.sensor == "worldview2"
     other = open_scene(write(tmp_path / "b.tif", zeros(2), tags={"sensor": "worldview-3"}))
     assert other.sensor is None
@@ -418,7 +394,7 @@ def test_masked_pixels_do_not_leak_when_resampled(tmp_path):
 
 
 @pytest.fixture
-def beside(tmp_path):
+def regridded(tmp_path):
     """Write an array as a file of 20 m pixels, and read it on the grid of another one of 10 m; NaN becomes -1."""
     fine = write(tmp_path / "fine.tif", np.ones((1, 20, 20), "uint8"), **UTM, transform=place(5e5, 1e6, 10, 10))
 
@@ -437,10 +413,10 @@ def beside(tmp_path):
 
 
 @pytest.mark.parametrize(("dtype", "nodata"), [("uint16", 0), ("uint16", 7), ("float32", -9999), ("float32", np.nan)])
-def test_nodata_of_one_band_alone_does_not_leak_when_resampled(beside, dtype, nodata):
+def test_nodata_of_one_band_alone_does_not_leak_when_resampled(regridded, dtype, nodata):
     array = np.full((2, 10, 10), 500, dtype)
     array[0, :5] = nodata
-    found = beside(array, nodata=nodata)
+    found = regridded(array, nodata=nodata)
     assert set(np.unique(found[0])) == {-1, 500}
     assert (found[0, :9] == -1).all()
     assert (found[1] == 500).all()
@@ -453,15 +429,15 @@ def test_nodata_of_one_band_alone_does_not_leak_when_resampled(beside, dtype, no
         pytest.param("mask", marks=pytest.mark.skipif(GDAL >= (3, 12), reason="GDAL ignores a mask beside nodata")),
     ],
 )
-def test_nodata_beside_a_mask_or_alpha_does_not_leak_when_resampled(beside, hides):
+def test_nodata_beside_a_mask_or_alpha_does_not_leak_when_resampled(regridded, hides):
     array, mask = np.full((2, 10, 10), 500, "uint16"), np.full((10, 10), 65535, "uint16")
     array[:, :3], mask[:3], array[0, 5:8] = 12345, 0, 0
     if hides == "mask":
-        found = beside(array, mask=mask != 0, nodata=0)
+        found = regridded(array, mask=mask != 0, nodata=0)
     else:
         colours = [ColorInterp.gray, ColorInterp.undefined, ColorInterp.alpha]
         named = ["red", "nir", "alpha"]
-        found = beside(np.concatenate([array, mask[None]]), colours=colours, names=named, nodata=0)
+        found = regridded(np.concatenate([array, mask[None]]), colours=colours, names=named, nodata=0)
     assert set(np.unique(found)) == {-1, 500}
     assert (found[:, :5] == -1).all()
     assert (found[0, 11:15] == -1).all()
@@ -499,15 +475,15 @@ def test_each_band_of_a_resampled_file_has_its_own_nodata(tmp_path, second, dtyp
         np.testing.assert_array_equal(source.to_physical(raw, valid)[1:], found)
 
 
-def test_every_number_is_data_in_a_resampled_file_too(beside):
+def test_every_number_is_data_in_a_resampled_file_too(regridded):
     array = np.full((1, 10, 10), 500, "uint16")
     array[:, :5] = 0
-    assert (beside(array, nodata=0, given="none")[0, :8] == 0).all()
+    assert (regridded(array, nodata=0, given="none")[0, :8] == 0).all()
 
 
-def test_a_band_that_gdal_takes_for_alpha_is_not_resampled(beside):
+def test_a_band_that_gdal_takes_for_alpha_is_not_resampled(regridded):
     with pytest.raises(InputError, match=r"coarse\.tif: a band that GDAL takes for alpha.*-colorinterp_4 undefined"):
-        beside(np.full((4, 10, 10), 9, "uint8"), names=["blue", "green", "red", "nir"], photometric="rgb", alpha="yes")
+        regridded(np.full((4, 10, 10), 9, "uint8"), names=NAMES, photometric="rgb", alpha="yes")
 
 
 def test_the_smallest_pixels_are_the_finest_in_degrees_too(tmp_path):
@@ -591,6 +567,7 @@ def test_import_is_light():
 # scenes beside the project
 
 
+@beside()
 def test_shared_simulated_scene():
     scene = open_scene(SHARED / "simulated" / "wind09_delay60.tif")
     assert scene.names == WV3
@@ -604,9 +581,7 @@ def test_shared_simulated_scene():
     assert open_scene(scene.path, sensor="thesis").bands[1].width == 60
 
 
-test_shared_simulated_scene.pytestmark = shared
-
-
+@beside()
 @pytest.mark.parametrize(("name", "nir", "swir"), [("palau", 7, 10), ("wistari", 7, 11), ("casablanca", 3, 4)])
 def test_shared_sentinel2_scenes(name, nir, swir):
     scene = open_scene(SHARED / "sentinel2" / f"{name}.tif", sensor="sentinel2")
@@ -614,6 +589,3 @@ def test_shared_sentinel2_scenes(name, nir, swir):
     assert band_roles(scene)["swir"] == swir
     assert scene.bands[scene.index("B04")].time_offset == 1.005
     assert np.isfinite(scene.read(((0, 50), (0, 50)))).all()
-
-
-test_shared_sentinel2_scenes.pytestmark = [*test_shared_sentinel2_scenes.pytestmark, *shared]

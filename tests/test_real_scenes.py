@@ -1,7 +1,6 @@
 """Real scenes through the whole pipeline; they lie beside the project, and tests skip where they do not."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,8 @@ from rasterio.features import geometry_mask
 
 import deglint
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
+from .common import SHARED
+
 SENTINEL2 = SHARED / "sentinel2"
 pytestmark = [
     pytest.mark.slow,

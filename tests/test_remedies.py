@@ -6,7 +6,7 @@ import pytest
 from deglint import Recipe, fit_scene, open_scene
 from detect.cli import run as rxdetect
 
-from .conftest import NAMES
+from .common import NAMES
 
 HEDLEY = ("--method", "hedley", "--compensate", "off", "--overwrite")
 

@@ -12,7 +12,8 @@ from deglint.errors import ReadError
 from deglint.raster.environment import HTTP_PATIENCE, environment
 from deglint.readers import open_scene
 
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import RUN
+
 LITTLE_PATIENCE = {"GDAL_HTTP_LOW_SPEED_TIME": "1", "GDAL_HTTP_LOW_SPEED_LIMIT": "1000", "GDAL_HTTP_MAX_RETRY": "0"}
 SERVER = """
     import sys, time

@@ -2,7 +2,6 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +15,10 @@ from deglint.remove.levels import mode
 from deglint.remove.statistics import gather, merge
 from deglint.scene import Band
 
-SENTINEL2 = Path(__file__).parents[2] / "shared" / "data" / "sentinel2"
+from .common import NARROW, SHARED, beside
 
 # Narrow bands, so that every method of the table finds what it needs; the NIR reference is the last.
-WAVELENGTHS = [480, 560, 640, 739, 760, 775, 750, 840]
-BANDS = tuple(Band(f"L{w}", float(w)) for w in WAVELENGTHS)
+BANDS = tuple(Band(f"L{w}", float(w)) for w in NARROW)
 NIR = 7
 CORRECT = (0, 1, 2)
 SLOPES = np.array([1.1, 1.0, 0.9, 0.5, 0.3, 0.5, 0.6, 1.0])
@@ -429,18 +427,17 @@ def test_one_pixel_outliers_move_the_minimum_but_not_a_percentile():
     assert floor == pytest.approx(np.percentile(block[NIR], 5))
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SENTINEL2.exists(), reason="the real scenes are not beside the project")
+@beside("sentinel2")
 def test_palau_agrees_with_independent_software():
     import rasterio
     from rasterio.features import geometry_mask
 
-    with rasterio.open(SENTINEL2 / "palau.tif") as dataset:
+    with rasterio.open(SHARED / "sentinel2" / "palau.tif") as dataset:
         block = dataset.read()
         bands = [Band(n, float(dataset.tags(i)["wavelength"])) for i, n in enumerate(dataset.descriptions, 1)]
-        polygon = json.loads((SENTINEL2 / "palau_deep_water.geojson").read_text())["features"][0]["geometry"]
+        polygon = json.loads((SHARED / "sentinel2" / "palau_deep_water.geojson").read_text())["features"][0]["geometry"]
         sample = geometry_mask([polygon], dataset.shape, dataset.transform, invert=True)
-    with rasterio.open(SENTINEL2 / "palau_hedley_reference.tif") as dataset:
+    with rasterio.open(SHARED / "sentinel2" / "palau_hedley_reference.tif") as dataset:
         reference = dataset.read()
     model = remove.fit("hedley", block, nir=7, sample=sample, bands=bands, correct=(1, 2, 3))
     assert {f.n for f in model.fits} == {12000}

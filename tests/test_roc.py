@@ -2,7 +2,6 @@
 
 import json
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from deglint.errors import InputError
 from detect.roc import Roc, auc_interval, bootstrap, compare, false_alarms, number_objects, object_curve
 from detect.roc.bootstrap import default_block
 
-HYPERSPECTRAL = Path(__file__).parents[2] / "shared" / "data" / "hyperspectral"
+from .common import SHARED, beside
 
 CASES = st.tuples(
     st.lists(st.integers(-4, 6), min_size=1, max_size=25), st.lists(st.integers(-6, 4), min_size=1, max_size=60)
@@ -343,14 +342,13 @@ def global_rx(cube):
     return np.einsum("ij,ij->i", x, np.linalg.solve(x.T @ x / (len(x) - 1), x.T).T).reshape(cube.shape[:2])
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not HYPERSPECTRAL.is_dir(), reason="the shared scenes are not beside the project")
+@beside("hyperspectral")
 @pytest.mark.parametrize("name", ["abu-beach-1", "abu-beach-2", "abu-airport-2", "abu-urban-1"])
 def test_every_figure_of_the_labelled_scenes(name):
     from scipy.io import loadmat
 
-    golden = json.loads((HYPERSPECTRAL / "golden_rx.json").read_text())[name]
-    scene = loadmat(HYPERSPECTRAL / f"{name}.mat")
+    golden = json.loads((SHARED / "hyperspectral" / "golden_rx.json").read_text())[name]
+    scene = loadmat(SHARED / "hyperspectral" / f"{name}.mat")
     scores, truth = global_rx(scene["data"]), scene["map"]
     roc = Roc.of(scores, truth)
     objects = number_objects(truth)

@@ -12,6 +12,8 @@ from detect.report import Request, evaluate, page
 from detect.report.page import shrink
 from detect.roc import Roc, auc_interval, bootstrap
 
+from .common import PLACE
+
 VOID = {"meta", "br", "img", "path", "rect", "circle", "image"}
 
 
@@ -264,7 +266,7 @@ def test_objects_nobody_could_see_are_neither_found_nor_missed(files, rxdetect):
 def shifted(name, **how):
     def make(files, write):
         _, _, truth = make_scene()
-        options = {"crs": "EPSG:32653", "transform": from_origin(400_000, 800_000, 10, 10)} | how
+        options = PLACE | how
         return files / "first.tif", write(files / name, truth[None], names=None, **options)
 
     return make

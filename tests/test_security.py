@@ -15,8 +15,7 @@ from deglint.errors import InputError
 from deglint.raster.info import open_dataset
 from deglint.readers.scenes import checked_name, list_scenes
 
-ROOT = Path(__file__).parents[1]
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import ROOT, RUN, write_vrt
 
 
 def sparse(path, side, **options):
@@ -32,12 +31,7 @@ def sparse(path, side, **options):
 
 def vrt(path, rows, columns, source="none.tif"):
     """A mosaic of four bands that declares a size."""
-    bands = "".join(
-        f'<VRTRasterBand dataType="Byte" band="{b}"><SimpleSource><SourceFilename relativeToVRT="1">{source}'
-        f"</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand>" for b in (1, 2, 3, 4)
-    )  # fmt: skip
-    path.write_text(f'<VRTDataset rasterXSize="{columns}" rasterYSize="{rows}">{bands}</VRTDataset>')
-    return str(path)
+    return write_vrt(path, rows, columns, source, bands=(1, 1, 1, 1), dtype="Byte")
 
 
 @pytest.mark.slow

@@ -5,17 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from .common import write_vrt
+
 
 @pytest.mark.slow
 def test_a_look_ends_where_its_time_is_over(deglint, sea, write, tmp_path, monkeypatch):
     """Nearly all of it is empty, so that a look for water would read it all."""
     write(tmp_path / "in.tif", sea())
-    bands = "".join(
-        f'<VRTRasterBand dataType="UInt16" band="{b}"><SimpleSource><SourceFilename relativeToVRT="1">in.tif'
-        f"</SourceFilename><SourceBand>{b}</SourceBand></SimpleSource></VRTRasterBand>" for b in (1, 2, 3, 4)
-    )  # fmt: skip
-    path = tmp_path / "a.vrt"
-    path.write_text(f'<VRTDataset rasterXSize="1000000" rasterYSize="1000000">{bands}</VRTDataset>')
+    path = write_vrt(tmp_path / "a.vrt", 1_000_000, 1_000_000, "in.tif")
     monkeypatch.setenv("DEGLINT_INFO_SECONDS", "1")
     ran = deglint("info", path, "--nir", "4", "--json")
     assert ran.code == 0

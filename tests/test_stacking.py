@@ -13,16 +13,14 @@ from deglint.pipeline import Recipe, remove_glint
 from deglint.readers import find_nir, open_scene
 from deglint.readers.scenes import list_scenes
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
-CODES = ("B02", "B03", "B04", "B08")
-RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
+from .common import RUN, SENTINEL2, SHARED, beside
 
 
 @pytest.fixture
 def files(tmp_path, write, sea):
     """Four files of one band without names, each with its wavelength in its own tags and a unit."""
     made = []
-    for code, band, wavelength in zip(CODES, sea(), (492, 560, 665, 833), strict=True):
+    for code, band, wavelength in zip(SENTINEL2, sea(), (492, 560, 665, 833), strict=True):
 
         def describe(dataset, wavelength=wavelength):
             dataset.update_tags(WAVELENGTH=f"{wavelength} nm", FULL_SCALE=f"{wavelength}")
@@ -44,7 +42,7 @@ def test_stacked_files_say_names_wavelengths_and_units(deglint, files, tmp_path)
     assert [b.saturation for b in scene.bands] == [492, 560, 665, 833]
     ran = deglint("remove", *files, out, *RUN)
     assert ran.code == 0, ran.err
-    assert said_of(out) == (CODES, ["492", "560", "665", "833"], ("DN",) * 4)
+    assert said_of(out) == (SENTINEL2, ["492", "560", "665", "833"], ("DN",) * 4)
     known = json.loads(deglint("info", out, "--json").out)
     assert [b["wavelength"] for b in known["bands"]] == [492, 560, 665, 833]
     assert known["nir"] == ["B08"]
@@ -228,14 +226,13 @@ def test_items_of_a_collection_are_scenes_of_a_batch(deglint, files, tmp_path):
     assert "finished before" in deglint("batch", tmp_path / "r.toml", collection, "-q").out
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared scenes are not beside the project")
+@beside()
 def test_shared_files_of_one_band(deglint, tmp_path):
-    files = [SHARED / "real" / "cartagena" / f"{code}.tiff" for code in (*CODES, "B11")]
+    files = [SHARED / "real" / "cartagena" / f"{code}.tiff" for code in (*SENTINEL2, "B11")]
     scene = open_scene(files)
-    assert scene.names == (*CODES, "B11")
+    assert scene.names == (*SENTINEL2, "B11")
     assert [b.wavelength for b in scene.bands] == [492.4, 559.8, 664.6, 832.8, 1613.7]
     out = tmp_path / "out.tif"
     assert deglint("remove", *files, out, *RUN, "--compensate", "off").code == 0
-    assert said_of(out)[0] == (*CODES, "B11")
+    assert said_of(out)[0] == (*SENTINEL2, "B11")
     assert find_nir(open_scene(out)) == (3,)

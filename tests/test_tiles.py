@@ -19,6 +19,8 @@ from deglint.raster.info import RasterInfo
 from deglint.raster.output import Layout
 from deglint.remove import REGRESSIONS
 
+from .common import NARROW, at_wavelengths
+
 SIDES = st.integers(1, 3000)
 BLOCKS = st.one_of(
     st.sampled_from([(1, 10**6), (128, 128), (256, 256), (512, 512), (1024, 1024), (16, 10**6)]),
@@ -196,7 +198,7 @@ def small_tiles(monkeypatch):
     monkeypatch.setattr("deglint.pipeline.overview.TILE_SIDE", 128)
 
 
-def scene_of(sea, dtype="uint16"):
+def coast_of(sea, dtype="uint16"):
     """Sea with land in a corner, a boat, clouds' edge and holes."""
     raw = sea(500, 420, dtype=dtype)
     land = np.array([300, 500, 600, 3000])[:, None, None]
@@ -230,7 +232,7 @@ def threads_of_libraries():
 def test_libraries_have_one_thread_each_while_a_fit_runs(sea, write, tmp_path):
     seen, before = [], threads_of_libraries()
     with threadpool_limits(2, user_api="blas"):
-        scene = library.open_scene(write(tmp_path / "in.tif", scene_of(sea), nodata=0))
+        scene = library.open_scene(write(tmp_path / "in.tif", coast_of(sea), nodata=0))
         library.fit_scene(scene, threads=2, progress=lambda *_: seen.append(threads_of_libraries()))
         assert set(threads_of_libraries()[1:]) == {2}
     assert seen
@@ -252,7 +254,7 @@ def test_libraries_get_their_threads_back_when_the_last_of_several_jobs_ends():
 @pytest.mark.slow
 @pytest.mark.parametrize("recipe", list(RECIPES.values())[:4], ids=list(RECIPES)[:4])
 def test_the_whole_job_does_not_depend_on_how_pixels_are_stored(sea, write, read, tmp_path, small_tiles, recipe):
-    raw = scene_of(sea)
+    raw = coast_of(sea)
     first, expected = None, None
     names = list(STORED) if recipe.regression == "detrended" else ["strips", "odd tiles", "wide tiles", "deflate"]
     for name in names:
@@ -274,7 +276,7 @@ def test_the_whole_job_does_not_depend_on_how_pixels_are_stored(sea, write, read
 
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES.keys())
 def test_tiles_are_the_whole_image(sea, write, read, tmp_path, monkeypatch, recipe):
-    source = write(tmp_path / "in.tif", scene_of(sea), nodata=0)
+    source = write(tmp_path / "in.tif", coast_of(sea), nodata=0)
     whole, expected = outputs_of(source, tmp_path / "whole", recipe, read)
     monkeypatch.setattr(tiles, "tile_shape", lambda *_: (64, 192))
     tiled, found = outputs_of(source, tmp_path / "tiles", recipe, read)
@@ -285,16 +287,13 @@ def test_tiles_are_the_whole_image(sea, write, read, tmp_path, monkeypatch, reci
 
 @pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES.keys())
 def test_threads_are_one_thread(sea, write, read, tmp_path, small_tiles, recipe):
-    source = write(tmp_path / "in.tif", scene_of(sea), nodata=0)
+    source = write(tmp_path / "in.tif", coast_of(sea), nodata=0)
     one, expected = outputs_of(source, tmp_path / "1", recipe, read, threads=1)
     many, found = outputs_of(source, tmp_path / "5", recipe, read, threads=5)
     assert many.fitted.model == one.fitted.model
     assert (tmp_path / "1" / "o.tif").read_bytes() == (tmp_path / "5" / "o.tif").read_bytes()
     for a, b in zip(found, expected, strict=True):
         np.testing.assert_array_equal(a, b)
-
-
-NARROW = [480, 560, 640, 739, 760, 775, 750, 840]
 
 
 def eight_bands(dtype):
@@ -306,18 +305,13 @@ def eight_bands(dtype):
     return (water + slopes * glint + rng.normal(0, 2, (8, 70, 150))).astype(dtype)
 
 
-def wavelengths(dataset):
-    for band, wavelength in enumerate(NARROW, start=1):
-        dataset.update_tags(band, wavelength=f"{wavelength} nm")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("method", METHODS)
 def test_files_and_arrays_give_the_same_bits(write, read, tmp_path, small_tiles, monkeypatch, method, dtype):
     monkeypatch.setattr("deglint.pipeline.overview.TILE_SIDE", 512)  # an array is one training tile
     raw = eight_bands(dtype)
-    source = write(tmp_path / "in.tif", raw, names=[f"L{w}" for w in NARROW], describe=wavelengths)
+    source = write(tmp_path / "in.tif", raw, names=[f"L{w}" for w in NARROW], band_tags=at_wavelengths(*NARROW))
     regressions = REGRESSIONS if "regression" in METHODS[method].options else ["auto"]
     for regression in regressions:
         recipe = Recipe(

@@ -6,12 +6,12 @@ import pytest
 from rasterio.transform import from_origin
 
 from deglint import Recipe, correct, fit_scene, open_scene
-from deglint.masks import Roles, fit_water, water
+from deglint.masks import fit_water, water
 from deglint.readers.roles import find_nir
 from deglint.readers.undeclared import settled, undeclared
 from deglint.xr import remove as remove_array
 
-S2 = ("B02", "B03", "B04", "B08")
+from .common import ROLES, SENTINEL2
 
 
 def bordered(sea, value, dtype="float32", **options):
@@ -158,7 +158,7 @@ def lost_offset(sea, offset=1000):
 
 
 def test_a_lost_offset_is_found_and_leaves_the_output_in_its_own_numbers(sea, write, read, deglint, tmp_path):
-    plain, cut = (write(tmp_path / f"{n}.tif", lost_offset(sea, n), names=S2) for n in (0, 1000))
+    plain, cut = (write(tmp_path / f"{n}.tif", lost_offset(sea, n), names=SENTINEL2) for n in (0, 1000))
     assert not undeclared(open_scene(plain)).notes
     found = settled(open_scene(cut))
     assert found.source.info.offsets == (-1000.0,) * 4
@@ -175,8 +175,8 @@ def test_a_lost_offset_is_found_and_leaves_the_output_in_its_own_numbers(sea, wr
 def test_a_class_band_hides_no_offset_and_is_copied(sea, write, read, deglint, tmp_path):
     scene = lost_offset(sea)
     classes = np.full_like(scene[:1], 6)
-    source = write(tmp_path / "in.tif", np.concatenate([scene, classes]), names=[*S2, "SCL"])
-    alone = write(tmp_path / "alone.tif", scene, names=S2)
+    source = write(tmp_path / "in.tif", np.concatenate([scene, classes]), names=[*SENTINEL2, "SCL"])
+    alone = write(tmp_path / "alone.tif", scene, names=SENTINEL2)
     assert settled(open_scene(source)).source.info.offsets == (-1000.0,) * 4 + (0.0,)
     outs = []
     for path in (source, alone):
@@ -191,11 +191,11 @@ def test_a_class_band_hides_no_offset_and_is_copied(sea, write, read, deglint, t
 def test_an_offset_is_suspected_where_visible_bands_are_darker(sea, write, tmp_path):
     scene = lost_offset(sea)
     scene[0, :40] -= 600  # a blue below zero, after a correction of too much air light
-    found = undeclared(open_scene(write(tmp_path / "in.tif", scene, names=S2)))
+    found = undeclared(open_scene(write(tmp_path / "in.tif", scene, names=SENTINEL2)))
     assert not found.offsets
     assert [note for note in found.notes if "may hold the offset" in note and "--offset -1000" in note]
     scene[3, :40] -= 600
-    assert not undeclared(open_scene(write(tmp_path / "dark.tif", scene, names=S2))).notes
+    assert not undeclared(open_scene(write(tmp_path / "dark.tif", scene, names=SENTINEL2))).notes
 
 
 @pytest.mark.parametrize("how", ["names", "declared", "desert"])
@@ -203,7 +203,7 @@ def test_no_offset_is_made_up(how, sea, write, tmp_path):
     scene = lost_offset(sea)
     if how == "desert":
         scene = (scene * np.array([1, 2, 3, 4])[:, None, None]).astype("uint16")
-    source = write(tmp_path / "in.tif", scene, names=None if how == "names" else S2)
+    source = write(tmp_path / "in.tif", scene, names=None if how == "names" else SENTINEL2)
     if how == "declared":
         import rasterio
 
@@ -213,7 +213,7 @@ def test_no_offset_is_made_up(how, sea, write, tmp_path):
 
 
 def test_the_mask_does_not_depend_on_the_offset(sea):
-    scene, roles = lost_offset(sea).astype(np.float32), Roles(blue=0, green=1, red=2, nir=3)
+    scene, roles = lost_offset(sea).astype(np.float32), ROLES
     with_offset, without = (water(s, fit_water([s], roles, pixel=10.0)) for s in (scene, scene - 1000))
     np.testing.assert_array_equal(with_offset, without)
     assert with_offset[:, :90].mean() > 0.99

@@ -13,10 +13,9 @@ import pytest
 from deglint import Recipe, fit_scene, open_scene
 from deglint.masks import Roles, fit_water, water
 
+from .common import ROLES, SHARED
 from .test_masks import tiled
 
-ROLES = Roles(blue=0, green=1, red=2, nir=3)
-DATA = Path(__file__).parents[2] / "shared" / "data"
 SHAPE = (180, 200)
 CLEAR, TURBID, BROWN = (0.05, 0.03, 0.015, 0.005), (0.08, 0.11, 0.09, 0.04), (0.07, 0.10, 0.13, 0.06)
 BRINE, CRUST = (0.16, 0.2, 0.19, 0.12), (0.45, 0.5, 0.55, 0.6)
@@ -191,7 +190,7 @@ PORTS = {  # least intersection over union, away from labelled ships
 
 def port(name):
     rasterio = pytest.importorskip("rasterio")
-    place = DATA / name
+    place = SHARED / name
     files = [place / f"{b}.tiff" for b in ("B02", "B03", "B04", "B08")] if place.is_dir() else [f"{place}.tif"]
     sides = (
         [place / "water.tif", place / "ships.tif"] if place.is_dir() else [f"{place}_water.tif", f"{place}_ships.tif"]
@@ -227,7 +226,7 @@ def test_land_of_real_ports_alone_is_no_water():
 @pytest.mark.parametrize(
     ("name", "roles", "pixel", "share"),
     [
-        ("real/micasense/aligned_0192", Roles(blue=0, green=1, red=2, nir=3), None, 0.999),
+        ("real/micasense/aligned_0192", ROLES, None, 0.999),
         ("real/sdb/image", ROLES, 10.0, 0.99),
         ("sentinel2/wistari", Roles(blue=1, green=2, red=3, nir=7), 10.0, 0.999),
         ("wide/p124_w9_wv3", Roles(blue=1, green=2, red=4, nir=6), 1.24, 1.0),
@@ -238,7 +237,7 @@ def test_land_of_real_ports_alone_is_no_water():
 def test_reefs_and_the_densest_glint_are_water(name, roles, pixel, share):
     """All but an island and surf of sdb is water."""
     rasterio = pytest.importorskip("rasterio")
-    path = DATA / f"{name}.tif"
+    path = SHARED / f"{name}.tif"
     if not path.is_file():
         pytest.skip(f"{name} is not there")
     with rasterio.open(path) as data:

@@ -9,6 +9,8 @@ from rasterio.transform import from_origin
 from deglint import Recipe, remove_glint
 from deglint.remove import METHODS
 
+from .common import at_wavelengths
+
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "sea.tif"
 PALAU = Path(__file__).parents[2] / "shared" / "data" / "sentinel2" / "palau.tif"
 SLOPES = {480: 1.1, 560: 1.05, 640: 1.0, 739: 0.95, 760: 0.9, 775: 0.9, 842: 0.9}
@@ -25,7 +27,8 @@ def small(write, tmp_path):
     sea = level + glint + rng.normal(0, 4, glint.shape)
     sea[:, 60:72, 80:92] += 4000
     values = np.rint(sea).clip(1, 60_000).astype(np.uint16)
-    return write(tmp_path / "sea.tif", values, describe=_wavelengths, names=None, transform=PLACE)
+    known = {"names": [f"L{w}" for w in SLOPES], "band_tags": at_wavelengths(*SLOPES)}
+    return write(tmp_path / "sea.tif", values, transform=PLACE, **known)
 
 
 @pytest.mark.slow
@@ -41,12 +44,6 @@ def test_the_bands_that_are_said_to_change_are_those_that_change(method, chain, 
 def test_references_that_are_corrected_change_too(chain, read, tmp_path):
     result = _check(SAMPLE, Recipe(method="multiband", compensate=chain), read, tmp_path)
     assert {"RED", "REDEDGE"} <= set(result.changed)
-
-
-def _wavelengths(dataset):
-    for i, wavelength in enumerate(SLOPES, start=1):
-        dataset.set_band_description(i, f"L{wavelength}")
-        dataset.update_tags(i, wavelength=wavelength, wavelength_units="nm")
 
 
 def _check(source, recipe, read, tmp_path):

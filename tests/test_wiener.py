@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +24,9 @@ from deglint.remove.strips import Strips, filled
 from deglint.scene import Band
 from deglint.simulate import Setup, simulate
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
+from .common import SHARED, WATER, whole_tile
+
 BANDS = (Band("BLUE", 480.0), Band("GREEN", 545.0), Band("RED", 660.0), Band("NIR", 840.0))
-WATER = np.array([900.0, 700.0, 400.0, 100.0])[:, None, None]
 SLOPES = np.array([1.05, 1.0, 0.95, 1.0])[:, None, None]
 
 
@@ -159,23 +158,19 @@ def test_a_reef_that_the_nir_sees_does_not_teach(faint):
     block = swell_block(strength=10.0)
     reef = gaussian_filter(np.random.default_rng(9).normal(size=(192, 156)), 1.5) * 3
     block[:, :, 100:] += (np.array([400.0, 600.0, 300.0, 20.0])[:, None, None] * np.exp(reef)).astype(np.float32)
-    every = np.ones((192, 256), np.bool_)
     request = replace(nir_request(BANDS, [3]), faint_glint=faint)
-    slopes = [f.slope for f in wiener.fit(request, [SampleTile(block, every, every)]).fits]
+    slopes = [f.slope for f in wiener.fit(request, [whole_tile(block)]).fits]
     np.testing.assert_allclose(slopes, SLOPES[:3].ravel(), rtol=0.1)
     order = [4, 0, 1, 2, 3]  # a file whose SWIR comes first
     swir = 100 + 0.5 * (block[3] - 100) + np.random.default_rng(2).normal(0, 1, block[3].shape)
     both = np.stack([*block, swir.astype(np.float32)])
     bands = (*BANDS, Band("SWIR", 1610.0))
     usual, moved = (
-        wiener.fit(
-            replace(nir_request([bands[b] for b in o], [o.index(3)]), faint_glint=faint),
-            [SampleTile(both[o], every, every)],
-        )
+        wiener.fit(replace(nir_request([bands[b] for b in o], [o.index(3)]), faint_glint=faint), [whole_tile(both[o])])
         for o in ([0, 1, 2, 3, 4], order)
     )
     np.testing.assert_allclose([f.slope for f in moved.fits], [f.slope for f in usual.fits], rtol=1e-9)
-    resolved = wiener.fit(replace(request, resolved=True), [SampleTile(block, every, every)]).fits
+    resolved = wiener.fit(replace(request, resolved=True), [whole_tile(block)]).fits
     assert max(f.slope for f in resolved) > 3  # where pixels resolve waves, glint differs as much from place to place
 
 
@@ -209,8 +204,7 @@ def test_glint_on_a_quarter_of_the_sea_is_removed_there_and_adds_no_noise_elsewh
     part = np.arange(256) >= 192
     block = WATER + SLOPES * np.where(part, waves(), 0) + np.random.default_rng(3).normal(0, 2, (4, 192, 256))
     request = nir_request(BANDS, [3], regression="detrended")
-    every = np.ones(block.shape[1:], bool)
-    tile = SampleTile(block.astype(np.float32), every, every)
+    tile = whole_tile(block.astype(np.float32))
     out = remove.apply(tile.block, wiener.fit(replace(request, sparkle=sparkle, resolved=sparkle), [tile]))
     left = (out - WATER)[:3]
     assert left[:, 8:-8, 200:-8].std(axis=(1, 2)) == pytest.approx(2, abs=1.5)  # of 20
@@ -273,9 +267,9 @@ def without_sheet(error, interval):
 
 @pytest.mark.slow
 def test_standard_errors_against_draws():
-    blocks, every = [swell_block((192, 192), seed=s, noise=20.0) for s in range(12)], np.ones((192, 192), bool)
+    blocks = [swell_block((192, 192), seed=s, noise=20.0) for s in range(12)]
     request = replace(nir_request(BANDS, [3], regression="detrended"), resolved=True)  # slopes are not raised
-    plain = [wiener.fit(request, [SampleTile(block, every, every)]) for block in blocks]
+    plain = [wiener.fit(request, [whole_tile(block)]) for block in blocks]
     slopes, claimed = (np.array([[getattr(f, k) for f in m.fits] for m in plain]) for k in ("slope", "stderr"))
     ratio = claimed.mean(axis=0) / slopes.std(axis=0, ddof=1)
     assert (ratio > 0.5).all()

@@ -8,10 +8,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from deglint import remove
-from deglint.remove import GlintModel, SampleTile, further, nir_request, wiener
+from deglint.remove import GlintModel, further, nir_request, wiener
 from deglint.remove.further import more_references
 from deglint.remove.levels import LevelSample, apart_from_sparkle, shared_level
 from deglint.scene import Band
+
+from .common import whole_tile
 
 BANDS = (Band("BLUE", 480.0), Band("RED", 660.0), Band("EDGE", 715.0), Band("NIR", 840.0))
 
@@ -28,8 +30,7 @@ def sparkle_over_bottom(seed=0, bottom=0.0, shape=(192, 192)):
 
 
 def parts(block):
-    every = np.ones(block.shape[1:], bool)
-    return nir_request(BANDS, [3], regression="detrended"), [SampleTile(block, every, every)]
+    return nir_request(BANDS, [3], regression="detrended"), [whole_tile(block)]
 
 
 def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_sees():
@@ -110,8 +111,7 @@ def test_sparkle_on_water_whose_noise_rounding_hides_is_followed():
     sparkle = gaussian_filter(np.where(rng.random((192, 192)) < 0.02, rng.exponential(30, (192, 192)), 0), 0.6)
     nir = 10 + gaussian_filter(sparkle, 0.5)
     block = np.rint([60 + 0.9 * sparkle, 40 + 0.95 * sparkle, 20 + sparkle, nir]).astype(np.float32)
-    every = np.ones(sparkle.shape, bool)
-    model = wiener.fit(replace(nir_request(BANDS, [3]), faint_glint=True), [SampleTile(block, every, every)])
+    model = wiener.fit(replace(nir_request(BANDS, [3]), faint_glint=True), [whole_tile(block)])
     np.testing.assert_allclose([f.slope for f in model.fits], [0.9, 0.95, 1], rtol=0.05)
 
 

@@ -21,12 +21,13 @@ from deglint.readers.arrays import open_array
 from detect.pipeline import Recipe as Scoring
 from detect.pipeline import score_file
 
+from .common import HEDLEY, NAMES, WATER
+
 xarray = pytest.importorskip("xarray", reason="needs pip install 'deglint[xarray]'")
 rioxarray = pytest.importorskip("rioxarray", reason="needs pip install 'deglint[xarray]'")
 dask = pytest.importorskip("dask", reason="needs pip install 'deglint[xarray]'")
 
 CHAIN = Recipe(compensate="identify-level:7, replace-level, remove, identify-level:5, replace-level")
-HEDLEY = Recipe(method="hedley", sample="all", mask="none")
 CHUNKS = [None, {"band": 1, "y": 128, "x": 128}, {"band": 4, "y": 45, "x": 1000}]
 
 
@@ -84,7 +85,7 @@ def test_the_neighbours_of_the_nir_are_followed_over_the_edges_of_chunks(sea, wr
     from scipy.ndimage import gaussian_filter
 
     glint = gaussian_filter(np.random.default_rng(0).gamma(0.5, 900.0, (260, 300)), 1.5)
-    raw = sea(256, 296, dtype="float32") * 0.02 + np.array([900, 700, 400, 100])[:, None, None]
+    raw = sea(256, 296, dtype="float32") * 0.02 + WATER
     for i, move in enumerate((3, 2, 1, 0)):
         raw[i] += glint[move : move + 256, :296]
     source = write(tmp_path / "in.tif", raw.astype(np.float32))
@@ -147,16 +148,13 @@ def test_any_chunks_give_the_same(data):
     height, width = data.draw(st.integers(1, 90)), data.draw(st.integers(1, 90))
     rng = np.random.default_rng(0)
     raw = rng.gamma(2, 100, (4, height, width)).astype(np.float32)
-    model = deglint.fit("hedley", rng.gamma(2, 100, (4, 20, 20)), nir=3, bands=[deglint.Band(n) for n in BANDS])
+    model = deglint.fit("hedley", rng.gamma(2, 100, (4, 20, 20)), nir=3, bands=[deglint.Band(n) for n in NAMES])
     sizes = st.integers(1, 60)
-    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(NAMES)})
     whole = deglint.xr.apply(given, model, mask="none").values
     np.testing.assert_array_equal(whole, deglint.apply(raw, model))
     chunked = given.chunk({"band": data.draw(st.integers(1, 4)), "y": data.draw(sizes), "x": data.draw(sizes)})
     np.testing.assert_array_equal(deglint.xr.apply(chunked, model, mask="none").values, whole)
-
-
-BANDS = ("blue", "green", "red", "nir")
 
 
 def test_nothing_is_computed_before_it_is_asked_for(scene):
@@ -205,10 +203,10 @@ def stackstac_like(raw):
     return xarray.DataArray(
         raw[None].astype(np.float64), dims=("time", "band", "y", "x"), name="stackstac-0123",
         coords={
-            "time": [np.datetime64("2023-06-01")], "id": ("time", ["S2A_1"]), "band": list(BANDS),
+            "time": [np.datetime64("2023-06-01")], "id": ("time", ["S2A_1"]), "band": list(NAMES),
             "x": 400_000.0 + 10 * np.arange(width), "y": 800_000.0 - 10 * np.arange(height),
             "epsg": 32653, "proj:epsg": 32653, "platform": "sentinel-2a",
-            "common_name": ("band", list(BANDS)), "center_wavelength": ("band", [0.4966, 0.56, 0.6645, 0.8351]),
+            "common_name": ("band", list(NAMES)), "center_wavelength": ("band", [0.4966, 0.56, 0.6645, 0.8351]),
             "full_width_half_max": ("band", [0.098, 0.045, 0.038, 0.145]), "proj:shape": ((), {70, 80}),
             "title": ("band", ["Band 2 (blue)", "Band 3 (green)", "Band 4 (red)", "Band 8 (nir)"]),
         },
@@ -236,7 +234,7 @@ def test_what_stackstac_gives(sea):
     found = open_array(given).scene
     assert [b.wavelength for b in found.bands] == [496.6, 560.0, 664.5, 835.1]
     assert [b.width for b in found.bands] == [98.0, 45.0, 38.0, 145.0]
-    assert found.names == BANDS
+    assert found.names == NAMES
     assert found.crs.to_epsg() == 32653
     assert found.transform == rasterio.Affine(10, 0, 400_000, 0, -10, 800_000)
     clean = deglint.xr.remove(given.chunk({"y": 64, "x": 64}), HEDLEY)
@@ -300,7 +298,7 @@ def test_the_accessor_is_the_functions(sea):
 @pytest.mark.parametrize("place", ["attrs", "encoding"])
 def test_variables_keep_the_nodata_and_the_scale_of_their_own(sea, place):
     raw = sea(60, 70)
-    given = xarray.Dataset({name: (("y", "x"), band) for name, band in zip(BANDS, raw, strict=True)})
+    given = xarray.Dataset({name: (("y", "x"), band) for name, band in zip(NAMES, raw, strict=True)})
     expected = deglint.xr.remove(given.isel(y=slice(9, None)).copy(deep=True), HEDLEY)
     for i, band in enumerate(given.data_vars.values()):
         band.values[:9] = 60_000 + i
@@ -308,7 +306,7 @@ def test_variables_keep_the_nodata_and_the_scale_of_their_own(sea, place):
     given.nir.values[9:] //= 2
     given.nir.attrs["scale_factor"] = 2.0
     for clean in (deglint.xr.remove(given, HEDLEY), deglint.xr.remove(given.chunk({"y": 30}), HEDLEY)):
-        for i, name in enumerate(BANDS):
+        for i, name in enumerate(NAMES):
             np.testing.assert_array_equal(clean[name].values[:9], 60_000 + i)
         off = clean.green.values[9:].astype(float) - expected.green.values
         assert np.abs(off).max() < 5  # the NIR is rounded to even numbers
@@ -316,7 +314,7 @@ def test_variables_keep_the_nodata_and_the_scale_of_their_own(sea, place):
 
 @pytest.mark.parametrize("name", ["data", "reflectance"])
 def test_a_dataset_of_one_image_and_tables_of_its_bands(sea, name):
-    image = xarray.DataArray(sea(60, 70), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    image = xarray.DataArray(sea(60, 70), dims=("band", "y", "x"), coords={"band": list(NAMES)})
     held = xarray.Dataset({name: image, "wavelength": ("band", [480.0, 560.0, 660.0, 850.0])})
     clean = held.deglint.apply(held.deglint.fit(HEDLEY))
     np.testing.assert_array_equal(clean[name].values, deglint.xr.remove(image, HEDLEY).values)
@@ -326,7 +324,7 @@ def test_a_dataset_of_one_image_and_tables_of_its_bands(sea, name):
 
 
 def test_an_entry_without_a_fit_is_copied_as_one_without_water(sea, caplog):
-    one = xarray.DataArray(sea(60, 70, dtype="float32"), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    one = xarray.DataArray(sea(60, 70, dtype="float32"), dims=("band", "y", "x"), coords={"band": list(NAMES)})
     clean = deglint.xr.remove(xarray.concat([one * np.nan, one], "time"), HEDLEY)
     assert np.isnan(clean.values[0]).all()
     np.testing.assert_array_equal(clean.values[1], deglint.xr.remove(one, HEDLEY).values)
@@ -334,7 +332,7 @@ def test_an_entry_without_a_fit_is_copied_as_one_without_water(sea, caplog):
 
 
 def test_a_lazy_array_smaller_than_the_halo_is_scored_as_a_whole_one(sea):
-    given = xarray.DataArray(sea(60, 70), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    given = xarray.DataArray(sea(60, 70), dims=("band", "y", "x"), coords={"band": list(NAMES)})
     expected = detect.xr.score(given, Scoring(method="sea", mask="none"))
     lazy = detect.xr.score(given.chunk({"y": 30, "x": 30}), Scoring(method="sea", mask="none"))
     np.testing.assert_array_equal(lazy.values, expected.values)
@@ -343,7 +341,7 @@ def test_a_lazy_array_smaller_than_the_halo_is_scored_as_a_whole_one(sea):
 def test_undeclared_nodata_has_no_score_also_with_a_given_background(sea):
     raw = sea(60, 70)
     raw[:, :, :20] = 0
-    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(NAMES)})
     scores = detect.xr.rx(given, detect.xr.fit(given))
     np.testing.assert_array_equal(scores.values, detect.xr.rx(given).values)
     assert np.isnan(scores.values[:, :20]).all()
@@ -351,7 +349,7 @@ def test_undeclared_nodata_has_no_score_also_with_a_given_background(sea):
 
 def test_dimensions_in_any_order(sea):
     raw = sea(70, 80)
-    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(NAMES)})
     clean = deglint.xr.remove(given, HEDLEY)
     for dims in [("y", "x", "band"), ("x", "band", "y"), ("y", "band", "x")]:
         turned = deglint.xr.remove(given.transpose(*dims), HEDLEY)
@@ -368,9 +366,9 @@ def test_dimensions_in_any_order(sea):
     [
         ({"wavelength": ("band", [490, 560, 665, 842])}, {}),
         ({"wavelength": ("band", [0.49, 0.56, 0.665, 0.842])}, {"wavelength_units": "um"}),
-        ({"common_name": ("band", list(BANDS))}, {}),
+        ({"common_name": ("band", list(NAMES))}, {}),
         ({}, {"wavelengths": [490.0, 560.0, 665.0, 842.0]}),
-        ({}, {"long_name": BANDS}),
+        ({}, {"long_name": NAMES}),
         ({"band": ["B02", "B03", "B04", "B08"]}, {}),
     ],
 )
@@ -452,7 +450,7 @@ def test_a_declared_transform_without_inverse_is_none(sea):
 
 
 def test_what_does_not_match_the_fit_is_said(sea):
-    array = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    array = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(NAMES)})
     fitted = deglint.xr.fit(array, HEDLEY)
     with pytest.raises(InputError, match="fitted to bands blue, green, red, nir; the array has blue, green, red"):
         deglint.xr.apply(array[:3], fitted)
@@ -468,7 +466,7 @@ def test_what_does_not_match_the_fit_is_said(sea):
 
 
 def test_a_mask_wins_over_that_of_the_fit(sea):
-    array = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    array = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(NAMES)})
     fitted = deglint.xr.fit(array, HEDLEY)
     expected = array.copy()
     expected[:, 5:15, 3:23] = deglint.xr.apply(array, fitted)[:, 5:15, 3:23]
@@ -478,7 +476,7 @@ def test_a_mask_wins_over_that_of_the_fit(sea):
 
 
 def test_what_cannot_be_used_is_said(sea):
-    given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(NAMES)})
     with pytest.raises(InputError, match=r"one at a time, such as array\.isel\(time=0\)"):
         deglint.xr.fit(given.expand_dims(time=2))
     with pytest.raises(InputError, match="want dimensions y and x"):

@@ -1,7 +1,6 @@
 """Global detectors: recorded figures of labelled scenes, the spectral package, and the identities that RX holds."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +12,9 @@ from detect import background, local_rx, rx
 from detect.global_rx import DETECTORS, detector, residual_rx, rx_utd, score, subspace_rx, utd
 from detect.sea.search import score_scene
 
-SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
+from ..common import SHARED, beside, image_of
+
 ABU = ("abu-beach-1", "abu-beach-2", "abu-airport-2", "abu-urban-1")
-
-
-def image_of(bands=5, rows=40, columns=50, seed=0):
-    rng = np.random.default_rng(seed)
-    return np.einsum("ij,jrc->irc", rng.normal(size=(bands, bands)), rng.normal(size=(bands, rows, columns))) + 3
 
 
 def longdouble_rx(image):
@@ -29,15 +24,14 @@ def longdouble_rx(image):
     return (d * np.linalg.solve(d @ d.T / (d.shape[1] - 1), d)).sum(axis=0).reshape(image.shape[1:])
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SCENES.is_dir(), reason="the labelled scenes do not lie beside the project")
+@beside("hyperspectral")
 @pytest.mark.parametrize("name", ABU)
 def test_recorded_figures(name):
     from scipy.io import loadmat
     from sklearn.metrics import roc_auc_score
 
-    golden = json.loads((SCENES / "golden_rx.json").read_text())[name]
-    scene = loadmat(SCENES / golden["file"])
+    golden = json.loads((SHARED / "hyperspectral" / "golden_rx.json").read_text())[name]
+    scene = loadmat(SHARED / "hyperspectral" / golden["file"])
     image, truth = np.ascontiguousarray(scene["data"].transpose(2, 0, 1)), scene["map"].astype(bool)
     scores = rx(image.astype(np.float64))
     assert roc_auc_score(truth.ravel(), scores.ravel()) == pytest.approx(golden["auc"], abs=5e-7)

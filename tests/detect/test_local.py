@@ -1,7 +1,5 @@
 """Local RX: published figures, the spectral package, brute force over every ring, and what must not spoil it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,12 +11,7 @@ from deglint.tiles import Tile
 from detect import local
 from detect.local import BORDERS, CELL, DEFICIENT, TOO_FEW, WindowRule, local_rx, score_part
 
-SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
-
-
-def image_of(bands=4, rows=40, columns=36, seed=0):
-    rng = np.random.default_rng(seed)
-    return np.einsum("ij,jrc->irc", rng.normal(size=(bands, bands)), rng.normal(size=(bands, rows, columns))) + 3
+from ..common import SHARED, beside, image_of
 
 
 def brute(image, inner, outer, border="shrink", ddof=1, ridge=0.0, good=None):
@@ -73,8 +66,7 @@ def ring_of(r, c, rows, columns, inner, outer, border):
 
 
 @pytest.mark.slow
-@pytest.mark.shared
-@pytest.mark.skipif(not SCENES.is_dir(), reason="the labelled scenes do not lie beside the project")
+@beside("hyperspectral")
 @pytest.mark.parametrize(
     ("name", "outer", "inner", "published"),
     [("abu-airport-2", 19, 15, "0.98207"), ("abu-urban-1", 11, 5, "0.99691"), ("abu-beach-1", 17, 13, "0.99936")],
@@ -84,7 +76,7 @@ def test_published_figures(name, outer, inner, published):
     from scipy.io import loadmat
     from sklearn.metrics import roc_auc_score
 
-    scene = loadmat(SCENES / f"{name}.mat")
+    scene = loadmat(SHARED / "hyperspectral" / f"{name}.mat")
     image, truth = np.ascontiguousarray(scene["data"].transpose(2, 0, 1)), scene["map"].astype(bool)
     flags = np.zeros(truth.shape, np.uint8)
     scores = local_rx(
@@ -296,8 +288,8 @@ def test_refusals():
     with pytest.raises(InputError, match="not one of shrink, mirror, shift"):
         local_rx(image, inner=3, outer=5, border="nonsense")
     for border in ("mirror", "shift"):
-        with pytest.raises(InputError, match="do not fit into 40 x 36"):
-            local_rx(image, inner=3, outer=37, border=border)
+        with pytest.raises(InputError, match="do not fit into 40 x 50"):
+            local_rx(image, inner=3, outer=41, border=border)
     for value in (1e200, -np.finfo(np.float64).max):
         extreme = image.astype(np.float64)
         extreme[0, 20, 20] = value

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,8 +17,9 @@ from detect.moving import find_moving
 from detect.objects import find
 from detect.pipeline.features import delayed_bands, motions
 
+from ..common import SHARED, beside
+
 DELAYS = np.array([0.0, 0.13, 0.27, 0.4])
-SWELL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real" / "swell"
 
 
 def moving_scene(speed=0.0, heading=0.0, *, pixel=1.2, seed=0, waves=True):
@@ -60,12 +60,11 @@ def test_waves_are_no_boats(seed):
 
 
 def real_swell():
-    files = sorted(SWELL.glob("**/IMG_DATA/*_B0[24].jp2"))
+    files = sorted((SHARED / "real" / "swell").glob("**/IMG_DATA/*_B0[24].jp2"))
     return [rasterio.open(f).read(1).astype(np.float32)[:, :470] for f in files]  # land lies farther east
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SWELL.exists(), reason="the real swell lies beside the project")
+@beside("real", "swell")
 @pytest.mark.parametrize("step", [0.0, 0.5, 1.0, 2.0])
 def test_real_swell_is_no_boat(step):
     """Both bands with their mean between them, and one band that moves as a whole by a step from band to band."""
@@ -78,8 +77,7 @@ def test_real_swell_is_no_boat(step):
     assert not find_moving(np.stack(bands), [0.0, 0.5, 1.0], pixel=10.0, water=water)
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SWELL.exists(), reason="the real swell lies beside the project")
+@beside("real", "swell")
 def test_two_bands_of_real_swell_are_refused():
     bands = real_swell()
     with pytest.raises(InputError, match="three bands"):  # two bands cannot distinguish a boat from a wave

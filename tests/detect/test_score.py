@@ -15,6 +15,8 @@ from detect.pipeline import scoring as flags
 from detect.pipeline.features import to_wgs84
 from detect.pipeline.plan import water_of_removal
 
+from ..common import read_raster
+
 
 @pytest.fixture
 def scene(tmp_path, sea, write):
@@ -32,11 +34,6 @@ def pixels_of(path):
     return image
 
 
-def scores_of(path):
-    with rasterio.open(path) as dataset:
-        return dataset.read(1)
-
-
 @pytest.mark.parametrize("method", ["local", *(n for n, kind in global_rx.DETECTORS.items() if kind.matrices)])
 def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     out = tmp_path / "out.tif"
@@ -48,7 +45,7 @@ def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
         expected = local.local_rx(image, inner=3, outer=9)
     else:
         expected = global_rx.score(image, global_rx.detector(method, background.fit(image), nir=[3]))
-    np.testing.assert_array_equal(scores_of(out), expected)
+    np.testing.assert_array_equal(read_raster(out)[0], expected)
     said = json.loads(ran.out)
     assert said["pixels"]["not_valid"] == 100
     assert said["pixels"]["scored"] == 200 * 230 - 100
@@ -79,7 +76,7 @@ def test_threads_and_blocks_do_not_matter(tmp_path, sea, write, options, rxdetec
         scene = write(tmp_path / f"{name}.tif", pixels, **layout)
         out = tmp_path / f"{name}_out.tif"
         assert rxdetect("score", scene, out, "--threads", threads, *options).code == 0
-        found.append(scores_of(out))
+        found.append(read_raster(out)[0])
     np.testing.assert_array_equal(*found)
 
 
@@ -90,7 +87,7 @@ def test_threshold_and_objects(rxdetect, scene, tmp_path, law):
     ran = rxdetect("score", scene, out, "--method", "rx", *options, "--json")
     assert ran.code == 0, ran.err
     said = json.loads(ran.out)
-    scores = scores_of(out)
+    scores = read_raster(out)[0]
     valid = scores[np.isfinite(scores)]
     expected = {
         "gpd": lambda: threshold.from_gpd(valid, 1e-3),
@@ -110,8 +107,8 @@ def test_threshold_and_objects(rxdetect, scene, tmp_path, law):
 def test_p_values(rxdetect, scene, tmp_path):
     out, p = tmp_path / "out.tif", tmp_path / "p.tif"
     assert rxdetect("score", scene, out, "--p-value", p).code == 0
-    expected = threshold.p_value(scores_of(out), 4, 200 * 230 - 100)
-    np.testing.assert_allclose(scores_of(p), expected, rtol=1e-7, atol=1e-40)
+    expected = threshold.p_value(read_raster(out)[0], 4, 200 * 230 - 100)
+    np.testing.assert_allclose(read_raster(p)[0], expected, rtol=1e-7, atol=1e-40)
 
 
 def test_the_f_law_holds_for_any_divisor_of_the_covariance(tmp_path, write):
@@ -121,8 +118,8 @@ def test_the_f_law_holds_for_any_divisor_of_the_covariance(tmp_path, write):
     for ddof in (0, 1, 4):
         out, p = tmp_path / f"{ddof}.tif", tmp_path / f"{ddof}_p.tif"
         found = score_file(source, out, replace(recipe, ddof=ddof), p_value=p)
-        ratios.append(scores_of(out)[whole] / found.threshold.value)
-        p_values.append(scores_of(p)[whole])
+        ratios.append(read_raster(out)[0][whole] / found.threshold.value)
+        p_values.append(read_raster(p)[0][whole])
     for ratio, p_value in zip(ratios, p_values, strict=True):
         np.testing.assert_allclose(ratio, ratios[1], rtol=1e-5)
         np.testing.assert_allclose(p_value, p_values[1], rtol=1e-4)
@@ -136,9 +133,9 @@ def test_flags_of_global_scores(rxdetect, scene, tmp_path):
     expected[:10, :10] = flags.NOT_VALID
     expected[150:] = flags.MASKED_OUT
     expected[:, 100:] += flags.NOT_BACKGROUND
-    found = scores_of(marked)
+    found = read_raster(marked)[0]
     np.testing.assert_array_equal(found, expected)
-    np.testing.assert_array_equal(np.isnan(scores_of(out)), found & (flags.NOT_VALID | flags.MASKED_OUT) > 0)
+    np.testing.assert_array_equal(np.isnan(read_raster(out)[0]), found & (flags.NOT_VALID | flags.MASKED_OUT) > 0)
     said = json.loads((tmp_path / "out.tif.json").read_text())["flags"]
     assert said == {"file": str(marked), "bits": {str(bit): words for bit, words in flags.MEANINGS.items()}}
 
@@ -158,7 +155,7 @@ def test_flags_of_local_scores_in_any_tiling(rxdetect, tmp_path, sea, write):
         scene, marked = write(tmp_path / f"{name}.tif", pixels, nodata=0, **layout), tmp_path / f"{name}_flags.tif"
         options = ["--method", "local", "--window", "3,9", "--flags", marked]
         assert rxdetect("score", scene, tmp_path / f"{name}_out.tif", *options).code == 0
-        np.testing.assert_array_equal(scores_of(marked), expected)
+        np.testing.assert_array_equal(read_raster(marked)[0], expected)
     assert expected[150, 40] == flags.NO_RING
     assert expected[220, 220] == flags.PSEUDO_INVERSE
 
@@ -188,7 +185,8 @@ def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
     ran = rxdetect("score", other, tmp_path / "out2.tif", "--background", saved)
     assert ran.code == 0, ran.err
     fitted = background.fit(pixels_of(scene)[[2, 3, 0]])
-    np.testing.assert_allclose(scores_of(tmp_path / "out2.tif"), rx(pixels_of(other)[[1, 0, 3]], fitted), rtol=2e-7)
+    scores = read_raster(tmp_path / "out2.tif")[0]
+    np.testing.assert_allclose(scores, rx(pixels_of(other)[[1, 0, 3]], fitted), rtol=2e-7)
     ran = rxdetect("score", other, tmp_path / "out3.tif", "--background", saved, "-b", "1,2")
     assert (ran.code, "the saved background has 3 bands" in ran.err) == (1, True)
 
@@ -198,7 +196,7 @@ def test_bands_by_name_are_matched_with_a_saved_background(rxdetect, scene, tmp_
     assert rxdetect("score", scene, tmp_path / "a.tif", "-b", "blue,green,red", "--save-background", saved).code == 0
     assert rxdetect("score", scene, plain, "--background", saved).code == 0
     assert rxdetect("score", scene, named, "--background", saved, "-b", "red,blue,green").code == 0
-    np.testing.assert_array_equal(scores_of(named), scores_of(plain))
+    np.testing.assert_array_equal(read_raster(named)[0], read_raster(plain)[0])
     ran = rxdetect("score", scene, tmp_path / "other.tif", "--background", saved, "-b", "blue,green,nir")
     assert ran.code == 1
     assert "3 bands: blue, green, red; the scene is to be used with 3: blue, green, nir" in ran.err
@@ -219,9 +217,9 @@ def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, writ
     inside[:, :100] = True
     out = tmp_path / "out.tif"
     assert rxdetect("score", scene, out, "--background", area).code == 0
-    np.testing.assert_array_equal(scores_of(out), rx(image, inside))
+    np.testing.assert_array_equal(read_raster(out)[0], rx(image, inside))
     ran = rxdetect("score", scene, out, "--method", "rx", "--mask", area, "--overwrite", "--json")
-    np.testing.assert_array_equal(scores_of(out), rx(image, mask=inside))
+    np.testing.assert_array_equal(read_raster(out)[0], rx(image, mask=inside))
     assert json.loads(ran.out)["pixels"]["masked_out"] == 200 * 130
     mask = write(tmp_path / "mask.tif", inside[None].astype(np.uint8), names=None)
     for method in ("local", "rx"):
@@ -229,7 +227,7 @@ def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, writ
         expected = (
             local.local_rx(image, inner=5, outer=21, mask=inside) if method == "local" else rx(image, mask=inside)
         )
-        np.testing.assert_array_equal(scores_of(out), expected)
+        np.testing.assert_array_equal(read_raster(out)[0], expected)
 
 
 def test_the_robust_sample_is_a_share_of_the_background_not_of_the_scene(rxdetect, scene, tmp_path, monkeypatch):
@@ -249,7 +247,7 @@ def test_scores_beyond_single_precision_are_the_largest_of_it(rxdetect, sea, wri
     scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
     options = ("--method", "rx", "--background", "0,0,50,10") if method == "rx" else ("--method", "local")
     ran = rxdetect("score", scene, out, *options)
-    assert (ran.code, scores_of(out)[20, 25]) == (0, np.finfo(np.float32).max)
+    assert (ran.code, read_raster(out)[0, 20, 25]) == (0, np.finfo(np.float32).max)
     assert not recwarn.list
 
 
@@ -259,7 +257,7 @@ def test_water_mask_leaves_land_out(rxdetect, tmp_path, sea, write):
     scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
     for method in ("rx", "local"):
         assert rxdetect("score", scene, out, "--mask", "water", "--overwrite", "--method", method).code == 0
-        scores = scores_of(out)
+        scores = read_raster(out)[0]
         assert np.isnan(scores[:, :60]).all()
         assert np.isfinite(scores[:, 70:]).mean() > 0.95
 
@@ -290,7 +288,7 @@ def test_a_deglinted_scene_is_told_that_rx_is_blind_to_it(rxdetect, deglint, sce
     assert line not in rxdetect("score", clean, out, "--overwrite", "--method", "subspace").err
     rxdetect("score", scene, tmp_path / "raw.tif", "--method", "rx")
     rxdetect("score", clean, out, "--overwrite", "--method", "rx")
-    np.testing.assert_allclose(scores_of(out), scores_of(tmp_path / "raw.tif"), rtol=2e-3)
+    np.testing.assert_allclose(read_raster(out)[0], read_raster(tmp_path / "raw.tif")[0], rtol=2e-3)
     sidecar = tmp_path / "clean.tif.json"
     numbers = json.loads(sidecar.read_text())
     del numbers["model"]["method"]  # as another program may write it

@@ -22,6 +22,8 @@ from detect.sea.region import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, WATER, 
 from detect.sea.search import clutter_of, score_scene
 from detect.threshold import Tail
 
+from ..common import ROOT, SHARED, beside
+
 SHIPS = [(40, 60), (90, 150), (150, 40), (60, 210)]
 
 
@@ -44,7 +46,7 @@ def port(seed=0, ships=SHIPS):
 @pytest.fixture
 def scene(tmp_path, write):
     image, _ = port()
-    return write(tmp_path / "port.tif", image, transform=from_origin(400_000, 800_000, 10, 10))
+    return write(tmp_path / "port.tif", image)
 
 
 def test_holes_and_protrusions_of_a_ships_size_are_sea():
@@ -95,7 +97,7 @@ def test_what_land_continues_at_both_ends_is_no_ship(slope):
 def test_what_is_attached_to_land_is_clutter_and_no_object(rxdetect, write, tmp_path):
     image, _ = port()
     image[:, 96:99, 225:228] = image[:, 190:193, 40:43] = np.array([2500, 2500, 2600, 2700])[:, None, None]
-    scene = write(tmp_path / "port.tif", image, transform=from_origin(400_000, 800_000, 10, 10))
+    scene = write(tmp_path / "port.tif", image)
     marked = tmp_path / "found.geojson"
     ran = rxdetect("score", scene, tmp_path / "out.tif", "--pfa", "1e-3", "--objects", marked)
     assert ran.code == 0, ran.err
@@ -386,16 +388,12 @@ def test_a_tail_without_a_mean_gives_its_quantile():
     assert threshold.pfa_observed == pytest.approx(1e-3, rel=0.02)
 
 
-PORT = Path(__file__).parents[2].parent / "shared" / "data" / "real"
-
-
 @pytest.mark.slow
-@pytest.mark.shared
-@pytest.mark.skipif(not PORT.is_dir(), reason="the scenes of ports are not beside the project")
+@beside("real")
 @pytest.mark.parametrize("name", ["gdynia", "klang"])
 def test_requested_rates_hold_in_ports(name):
-    ships, water = (rasterio.open(PORT / name / f"{kind}.tif").read(1) > 0 for kind in ("ships", "water"))
-    image = np.stack([rasterio.open(PORT / name / f"B0{b}.tiff").read(1) for b in (2, 3, 4)]).astype(np.float32)
+    ships, water = (rasterio.open(SHARED / "real" / name / f"{kind}.tif").read(1) > 0 for kind in ("ships", "water"))
+    image = np.stack([rasterio.open(SHARED / "real" / name / f"B0{b}.tiff").read(1) for b in (2, 3, 4)]).astype("f4")
     found = score_scene(image, water, pfa=1e-3)
     counted = np.isfinite(found.scores) & water & (cv2.dilate(ships.astype(np.uint8), np.ones((15, 15))) == 0)
     assert 0.5 < (found.scores[counted] > found.threshold.value).mean() / 1e-3 < 2
@@ -418,23 +416,20 @@ def test_an_object_is_found_where_little_glint_covers_it():
     np.testing.assert_allclose(half[:, :100], scores[:, :100], rtol=1e-3)
 
 
-SAMPLE = Path(__file__).parents[2] / "sample_data"
-
-
 def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_path):
     """Of the 16 objects of the sample at a rate of 1e-4, as the README says."""
     clean, scored = tmp_path / "deglinted.tif", tmp_path / "scores.tif"
-    assert deglint("remove", SAMPLE / "sea.tif", clean).code == 0
-    with rasterio.open(SAMPLE / "sea_objects.tif") as data:
+    assert deglint("remove", ROOT / "sample_data" / "sea.tif", clean).code == 0
+    with rasterio.open(ROOT / "sample_data" / "sea_objects.tif") as data:
         objects = data.read(1)
     found = []
-    for source in (SAMPLE / "sea.tif", clean):
+    for source in (ROOT / "sample_data" / "sea.tif", clean):
         marked = tmp_path / "found.geojson"
         chips = tmp_path / source.stem
         options = ("--pfa", "1e-4", "--objects", marked, "--chips", chips, "--overwrite")
         assert rxdetect("score", source, scored, *options).code == 0
         height, width = cv2.imread(str(chips / "object_0001.png")).shape[:2]
-        assert width // height == (2 if source == SAMPLE / "sea.tif" else 3)  # the raw scene, too
+        assert width // height == (2 if source == ROOT / "sample_data" / "sea.tif" else 3)  # the raw scene, too
         with rasterio.open(scored) as data:
             scores = data.read(1)
         threshold = json.loads(Path(f"{scored}.json").read_text())["threshold"]["value"]
@@ -443,7 +438,7 @@ def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_p
     assert 0.5 < (scores[far] > threshold).mean() / 1e-4 < 2
     each = [f["properties"] for f in json.loads(marked.read_text())["features"]]
     alarms = sum(bool(far[round(o["row"]), round(o["column"])]) for o in each)
-    promised = re.search(r"finds (\d+) of (\d+) .* with (\d+) false", (SAMPLE.parent / "README.md").read_text())
+    promised = re.search(r"finds (\d+) of (\d+) .* with (\d+) false", (ROOT / "README.md").read_text())
     assert (found[1], objects.max(), alarms) == tuple(map(int, promised.groups()))
     assert found[1] >= found[0]
 
@@ -510,7 +505,7 @@ def test_a_rate_leaves_many_clouds_out_of_the_file(write, tmp_path):
     image = np.round(clouded(clouds) * 10).astype(np.uint16)
     kinds, said = {}, []
     for given in ({"pfa": 1e-3}, {"false_per_km2": 0.5}):
-        source = write(tmp_path / "clouds.tif", image, transform=from_origin(400_000, 800_000, 10, 10))
+        source = write(tmp_path / "clouds.tif", image)
         recipe = Recipe(method="sea", mask="none", **given)
         done = score_file(source, tmp_path / "s.tif", recipe, objects=tmp_path / "o.geojson", overwrite=True)
         said = done.sidecar["warnings"]

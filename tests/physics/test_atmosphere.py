@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +7,8 @@ from deglint.errors import InputError
 from deglint.physics import atmosphere
 from deglint.physics.atmosphere import Air
 
-TABLES = Path(__file__).parents[2].parent / "shared" / "tables"
+from ..common import table
+
 WAVELENGTHS = np.array([400.0, 443, 490, 550, 620, 670, 700])
 # rows of the table of Gregg and Carder (1990), extended for HydroLight, at those wavelengths
 PAPER = atmosphere.Spectrum(
@@ -148,13 +147,6 @@ def test_against_another_clear_sky():
     ours = atmosphere.irradiance([450.0, 550.0], *CASES["A"], day=94)
     direct = np.ravel(theirs["dni"])[which] * np.cos(np.radians(30))
     assert ours.direct == pytest.approx(direct, rel=0.05)
-
-
-def table(name):
-    path = TABLES / name
-    if not path.exists():
-        pytest.skip(f"{name} does not lie beside the project")
-    return np.genfromtxt(path, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
 
 
 @pytest.mark.shared

@@ -1,14 +1,14 @@
 """One worked case through every room: a grey object at 10 m, five bands, four looks."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from deglint.physics import atmosphere, glint, sky, water
 from deglint.physics.iops import case1
 
-PAPER = Path(__file__).parents[2].parent / "shared" / "tables" / "gregg_carder_1990_hydrolight_350_801.csv"
+from ..common import TABLES
+
+PAPER = TABLES / "gregg_carder_1990_hydrolight_350_801.csv"
 BANDS = [(400, 450), (450, 510), (510, 580), (585, 625), (630, 690)]
 AIR = atmosphere.Air(air_mass_type=1, humidity=80, water_vapour=2.5, wind_mean=9, wind=9, visibility=40, ozone=300)
 SUN = (20.5, 270.2)

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,15 +6,9 @@ from hypothesis import strategies as st
 from deglint.errors import InputError
 from deglint.physics import fresnel, iops, water
 
-TABLES = Path(__file__).parents[2].parent / "shared" / "tables"
+from ..common import table
+
 CHLOROPHYLL = np.array([0.03, 0.1, 0.25, 0.5, 1.0, 2.5])
-
-
-def table(name):
-    path = TABLES / name
-    if not path.exists():
-        pytest.skip(f"{name} does not lie beside the project")
-    return np.genfromtxt(path, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
 
 
 def deep_water(wavelength, chlorophyll, *angles):

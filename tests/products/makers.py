@@ -9,8 +9,9 @@ import zipfile
 
 import numpy as np
 import pytest
-import rasterio
 from rasterio.transform import from_origin
+
+from ..common import write_bare
 
 UTM = "EPSG:32630"
 CODES = ("B1", "B2", "B3", "B4", "B5", "B6", "B7", "B8", "B8A", "B9", "B10", "B11", "B12")
@@ -22,16 +23,12 @@ PLANET = "20220310_100530_83_2420"
 MAXAR = "17JUL05211635-M2AS-016445286010_01_P001"
 
 
-def raster(path, *bands, pixel=10.0, **options):
+def raster(path, *bands, pixel=10.0, placed=True, **options):
     """Write bands (row, column) as a raster; a name that ends in .jp2 becomes a lossless JPEG 2000."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    array = np.stack(bands)
     jpeg = {"driver": "JP2OpenJPEG", "QUALITY": "100", "REVERSIBLE": "YES"} if path.suffix == ".jp2" else {}
-    profile = {"driver": "GTiff", "dtype": array.dtype.name, "count": len(array), "height": array.shape[1],
-               "width": array.shape[2], "crs": UTM,
-               "transform": from_origin(600_000, 5_100_000, pixel, pixel)}  # fmt: skip
-    with rasterio.open(path, "w", **(profile | jpeg | options)) as dataset:
-        dataset.write(array)
+    place = {"crs": UTM, "transform": from_origin(600_000, 5_100_000, pixel, pixel)} if placed else {}
+    write_bare(path, np.stack(bands), **(jpeg | place | options))
     return path
 
 

@@ -1,7 +1,6 @@
 """Products open by themselves: what is known of them comes from their own metadata; damaged ones say so."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,8 @@ import deglint
 from deglint.errors import InputError, ReadError
 from deglint.readers.products import find
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "real"
+from ..common import SHARED, beside
+
 S2_BANDS = {"B02": 492.7, "B03": 559.8, "B04": 664.6, "B05": 704.1, "B08": 832.8, "B11": 1613.7}
 OLI = (443, 482, 561, 654, 865, 1608, 2200)
 
@@ -311,13 +311,10 @@ def test_batch_and_stac_lists_take_products(deglint, make, sea, tmp_path):
 
 # ------------------------------------------------------------------------------------------------- real ones
 
-swell = pytest.mark.skipif(not (SHARED / "swell").exists(), reason="the real scenes are not beside the project")
 
-
-@pytest.mark.shared
-@swell
+@beside("real", "swell")
 def test_a_cut_real_product_opens_with_what_is_there():
-    safe = next((SHARED / "swell").glob("*.SAFE"))
+    safe = next((SHARED / "real" / "swell").glob("*.SAFE"))
     scene = deglint.open_scene(safe)
     assert [(b.name, b.wavelength, b.time_offset) for b in scene.bands] == [("B02", 492.7, 0.0), ("B04", 664.6, 1.005)]
     assert set(zip(scene.source.info.scales, scene.source.info.offsets, strict=True)) == {(1e-4, -0.1)}
@@ -327,14 +324,13 @@ def test_a_cut_real_product_opens_with_what_is_there():
     assert (found[0] != found[1]).any()
 
 
-@pytest.mark.shared
-@swell
+@beside("real", "swell")
 def test_sentinel2_offsets_are_those_that_viewing_angles_say():
     """Where a satellite that flies south-southwest stood when a detector saw the ground, in each band, tells when."""
     from deglint import sensors
     from deglint.readers.products.metadata import xml_of
 
-    root = xml_of(next((SHARED / "swell").rglob("MTD_TL.xml")).read_bytes(), "MTD_TL.xml")
+    root = xml_of(next((SHARED / "real" / "swell").rglob("MTD_TL.xml")).read_bytes(), "MTD_TL.xml")
     heading, height, speed = np.radians(194.0), 786e3, 7.4e3
     along = {}
     for node in root.iter("Viewing_Incidence_Angles_Grids"):

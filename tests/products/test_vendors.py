@@ -15,7 +15,8 @@ from deglint.errors import InputError, ReadError
 from deglint.pipeline.messages import log_scene
 from deglint.readers.products.drone import _black_level
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "real"
+from ..common import SHARED, beside
+
 WV = {"COASTAL": 425, "BLUE": 480, "GREEN": 545, "YELLOW": 605, "RED": 660, "REDEDGE": 725, "NIR1": 832.5, "NIR2": 950}
 RADIANCE = {"unit": "W m-2 sr-1 um-1", "nodata": 0, "offset": 0, "full": 65535}
 DG = RADIANCE | {"bands": WV, "scale": 9e-3 / 4e-2, "sensor": "worldview2", "first": 0.225 * 901}
@@ -252,10 +253,9 @@ def test_remove_writes_the_products_own_numbers(deglint, vendor, sea, tmp_path, 
         assert dataset.scales == pytest.approx(before.source.info.scales)
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not (SHARED / "micasense").exists(), reason="the real scenes are not beside the project")
+@beside("real", "micasense")
 def test_real_captures():
-    scene = deglint.open_scene(SHARED / "micasense")
+    scene = deglint.open_scene(SHARED / "real" / "micasense")
     assert {b.name: b.wavelength for b in scene.bands} == MICASENSE
     assert scene.sensor == "micasense"
     info = scene.source.info
@@ -264,17 +264,16 @@ def test_real_captures():
     assert info.offsets[0] == pytest.approx(-4800 * info.scales[0])
     assert np.nanmedian(scene.read(((400, 500), (600, 700)), [0])) == pytest.approx(0.05, abs=0.04)
     with pytest.raises(ReadError, match="no such file"):
-        deglint.open_scene(SHARED / "micasense" / "IMG_0192_9.tif")
+        deglint.open_scene(SHARED / "real" / "micasense" / "IMG_0192_9.tif")
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not (SHARED / "micasense").exists(), reason="the real scenes are not beside the project")
+@beside("real", "micasense")
 @pytest.mark.parametrize(("number", "top", "left"), [(1, 98, 442), (4, 116, 442)], ids=["blue", "nir"])
 def test_a_real_capture_is_as_bright_as_other_software_makes_it(number, top, left):
     """The aligned stack beside it was calibrated by other software: the ratio of both is even over the image."""
     import cv2
 
-    folder = SHARED / "micasense"
+    folder = SHARED / "real" / "micasense"
     with rasterio.open(folder / "aligned_0192.tif") as dataset:
         wanted = dataset.read(number).astype("float32")
     with rasterio.open(folder / f"IMG_0192_{number}.tif") as dataset:

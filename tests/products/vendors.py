@@ -3,26 +3,15 @@
 Each maker writes into a folder and returns the name that a user would open.
 """
 
-import numpy as np
-import rasterio
+from functools import partial
+
 from rasterio.transform import from_origin
 
-MAXAR = "17JUL05211635-M2AS-016445286010_01_P001"
+from .makers import MAXAR
+from .makers import raster as raster_of
+
 LETTERS = ("C", "B", "G", "Y", "R", "RE", "N", "N2")
-
-
-def raster(path, *bands, pixel=2.0, placed=True, describe=None, **options):
-    """Write bands (row, column) as a GeoTIFF."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    array = np.stack(bands)
-    place = {"crs": "EPSG:32630", "transform": from_origin(600_000, 5_100_000, pixel, pixel)} if placed else {}
-    profile = {"driver": "GTiff", "dtype": array.dtype.name, "count": len(array), "height": array.shape[1],
-               "width": array.shape[2]} | place  # fmt: skip
-    with rasterio.open(path, "w", **(profile | options)) as dataset:
-        if describe:
-            describe(dataset)
-        dataset.write(array)
-    return path
+raster = partial(raster_of, pixel=2.0)
 
 
 def imd(letters=LETTERS, satellite="WV02", level="LV2A", enhancement="Off", columns=100, rows=80):
