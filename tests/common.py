@@ -1,5 +1,6 @@
 """What tests of several modules use and that is no fixture: places, arguments, recipes, small images and files."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from itertools import zip_longest
@@ -33,6 +34,11 @@ RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 HEDLEY = Recipe(method="hedley", sample="all", mask="none")
 PLAIN = Recipe(method="hedley", sample="all", mask="none", compensate="off")
 BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
+
+
+def says(text, *phrases):
+    """Whether phrases occur in a text, in this order."""
+    return re.search(".*".join(map(re.escape, phrases)), text, re.DOTALL) is not None
 
 
 def beside(*parts):

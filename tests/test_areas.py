@@ -133,7 +133,7 @@ def test_windows_of_an_area_are_cut_out_of_the_whole_even_where_edges_run_throug
 
 def test_an_area_off_the_scene_says_where_it_lies(scene, geojson, tmp_path):
     far = geojson(tmp_path / "a.geojson", ring((1000, 1000), (1010, 1000), (1010, 1010)), crs="EPSG:32653")
-    with pytest.raises(InputError, match=r"rows 1000 to 1010 .* has 80 rows and 100 columns"):
+    with pytest.raises(InputError, match=r"rows 1000 to 1010.*80 rows.*100 columns"):
         area_of(scene, far)
     with pytest.raises(InputError, match="lies off the scene"):
         area_of(scene, "200,10,5,5")
@@ -245,7 +245,7 @@ def test_a_mask_in_another_crs_is_reprojected(scene, write, tmp_path):
 
 @pytest.mark.parametrize("place", [from_origin(500_000, 800_000, 10, 10), from_origin(400_000, 900_000, 10, 10)])
 def test_a_mask_beside_the_scene_is_refused(scene, write, tmp_path, place):
-    with pytest.raises(InputError, match=r"--sample .*m\.tif lies off the scene: .*Check its CRS"):
+    with pytest.raises(InputError, match=r"--sample .*m\.tif.*off the scene.*Check its CRS"):
         area_of(scene, write(tmp_path / "m.tif", mask_array(), transform=place))
 
 
@@ -261,7 +261,7 @@ def test_a_mask_of_the_whole_earth_holds_a_scene_across_180_degrees(sea, write, 
 
 def test_a_mask_of_another_size_without_crs_is_refused(scene, write, tmp_path):
     path = write(tmp_path / "m.tif", mask_array()[:, 1:], crs=None)
-    with pytest.raises(InputError, match="79 x 100 pixels, the scene 80 x 100"):
+    with pytest.raises(InputError, match=r"79 x 100.*scene 80 x 100"):
         area_of(scene, path)
 
 
@@ -269,14 +269,14 @@ def test_an_area_without_a_pixel_is_refused(scene, write, geojson, tmp_path):
     speck = geojson(tmp_path / "speck.geojson", ring((5.6, 5.6), (5.6, 5.9), (5.9, 5.9)), crs="EPSG:32653")
     for empty in (write(tmp_path / "m.tif", np.zeros_like(mask_array())), speck):
         for option, kind in (("--sample", InputError), ("--mask", NoWaterError)):
-            with pytest.raises(kind, match=rf"{option} .*(m.tif|speck.geojson) selects no pixel") as error:
+            with pytest.raises(kind, match=rf"{option} .*(m.tif|speck.geojson).*no pixel") as error:
                 open_area(str(empty), scene, option)
             assert type(error.value) is kind
 
 
 def test_a_mask_of_several_bands_is_refused(scene, write, tmp_path):
     path = write(tmp_path / "m.tif", np.repeat(mask_array(), 3, axis=0))
-    with pytest.raises(InputError, match=r"--sample .*m.tif has 3 bands, not one"):
+    with pytest.raises(InputError, match=r"--sample .*m\.tif.*3 bands, not one"):
         area_of(scene, path)
 
 
@@ -284,7 +284,7 @@ def test_a_name_that_is_nothing_is_said(scene, tmp_path):
     with pytest.raises(ReadError, match="no such file"):
         area_of(scene, tmp_path / "m.tif")
     (tmp_path / "m.shp").write_text("not a raster")
-    with pytest.raises(ReadError, match="is not a raster GDAL can read"):
+    with pytest.raises(ReadError, match="not a raster"):
         area_of(scene, tmp_path / "m.shp")
 
 
@@ -299,13 +299,13 @@ def test_coordinates_without_a_crs_that_lie_in_the_scene_are_in_its_crs(scene, g
 @pytest.mark.parametrize("crs", [None, "EPSG:32653"])
 def test_coordinates_that_lie_elsewhere_are_refused(scene, geojson, tmp_path, crs):
     path = geojson(tmp_path / "a.geojson", [(x + 1e5, y) for x, y in BOX], crs=crs)
-    with pytest.raises(InputError, match=r"lies off the scene.*Check the CRS"):
+    with pytest.raises(InputError, match=r"off the scene.*Check the CRS"):
         open_area(path, scene, "--mask")
 
 
 @pytest.mark.parametrize("text", ["10,10,100", "1,2,3,4,5", "10,10,0,5", "1.5,2,3,4", "-3,", " 1, 2, 3 "])
 def test_a_window_that_is_none_is_refused_with_one_that_is(scene, text):
-    with pytest.raises(InputError, match=r"four integers, column,row,width,height \[pixel\]") as raised:
+    with pytest.raises(InputError, match=r"four integers.*column,row,width,height") as raised:
         open_area(text, scene, "--sample")
     window = re.search(r"such as --sample ([\d,]+), ", str(raised.value))[1]
     assert open_area(window, scene, "--sample").read(WHOLE).any()

@@ -18,6 +18,8 @@ from deglint.pipeline.outputs import BESIDE
 from deglint.raster.targets import claimed
 from deglint.readers.scenes import ListedScene, list_scenes
 
+from .common import says
+
 RECIPE = """
 [recipe]
 method = "hedley"
@@ -177,7 +179,7 @@ def test_names_that_clash_are_told_before_anything_is_done(place, write, sea):
     config = read_config(str(place / "r.toml"))
     (place / "in2").mkdir()
     write(place / "in2" / "a.tif", sea())
-    with pytest.raises(InputError, match=r"several scenes would be written to .*a_clean.tif: .*in/a.tif, .*in2/a.tif"):
+    with pytest.raises(InputError, match=r"several scenes.*a_clean\.tif: .*in/a\.tif, .*in2/a\.tif"):
         run_batch(config, list_scenes([str(place / "in" / "a.tif"), str(place / "in2" / "a.tif")]))
     assert not (place / "out").exists()
     text = (place / "r.toml").read_text().replace(str(place / "out"), str(place / "in")).replace("_clean", "")
@@ -359,7 +361,8 @@ def test_a_kill_between_the_moves_is_no_finished_scene(deglint, place):
     job = jobs_of(config, [ListedScene("a", (str(place / "in" / "a.tif"),))])[0]
     assert state_of(job)[0] == "finished before"
     job.outputs.image.unlink()  # the sidecar is moved first
-    assert state_of(job) == ("to do", "was stopped while it was moved into place")
+    state, why = state_of(job)
+    assert (state, says(why, "stopped", "moved")) == ("to do", True)
     job.outputs.image.write_bytes(b"old")  # of an older run that was to be replaced
     assert state_of(job)[0] == "failed"
 
@@ -379,7 +382,7 @@ def test_scenes_from_csv_and_stac(place):
     assert list_scenes([str(place / "items.json")]) == [ListedScene("tile 7", (str(place / "in" / "a.tif"),))]
     both = list_scenes([str(place / "items.json")], assets=("B08", "data"))
     assert both[0].paths == ("https://example.com/b8.tif", str(place / "in" / "a.tif"))
-    with pytest.raises(InputError, match=r"no asset B04; it has thumb, data, B08.*\[input\] assets"):
+    with pytest.raises(InputError, match=r"no asset B04.*thumb, data, B08.*\[input\] assets"):
         list_scenes([str(place / "items.json")], assets=("B04",))
     with pytest.raises(ReadError, match="no file fits"):
         list_scenes([str(place / "*.jp2")])

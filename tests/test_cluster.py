@@ -24,7 +24,7 @@ from deglint.tiles import tiles
 from detect.pipeline import Recipe as Scoring
 from detect.pipeline import score_file
 
-from .common import RUN
+from .common import RUN, says
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed", "ignore::ResourceWarning")
 LIMIT = 1 << 30
@@ -168,7 +168,7 @@ def test_local_workers_that_do_not_start_are_one_line(monkeypatch, lost, error):
 
     monkeypatch.setattr("distributed.LocalCluster", lambda **_options: nullcontext())
     monkeypatch.setattr(f"distributed.{lost}", fail)
-    with pytest.raises(DeglintError, match=r"cannot start workers on this machine \((it failed to start|too slow)\)"):
+    with pytest.raises(DeglintError, match=r"cannot start workers.*\((it failed to start|too slow)\)"):
         connect(workers=2).__enter__()
 
 
@@ -213,14 +213,12 @@ def test_options_that_exclude_each_other(deglint, scene, options):
 
 def test_addresses_that_lead_nowhere(deglint, scene, monkeypatch):
     ran = deglint("remove", scene, "out.tif", *RUN, "--cluster", "localhost")
-    assert (ran.code, ran.err.strip()) == (
-        1,
-        "Error: the address of a cluster looks like tcp://HOST:PORT, got 'localhost'.",
-    )
+    assert (ran.code, ran.err.count("\n")) == (1, 1)
+    assert says(ran.err, "Error: the address", "tcp://HOST:PORT", "'localhost'")
     monkeypatch.setattr("deglint.cluster._CONNECT", 0.5)
     ran = deglint("remove", scene, "out.tif", *RUN, "--cluster", "tcp://127.0.0.1:1")
     assert ran.code == 1
-    assert "cannot reach a scheduler with workers at tcp://127.0.0.1:1" in ran.err
+    assert says(ran.err, "cannot reach", "tcp://127.0.0.1:1")
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from deglint import Recipe, remove_glint
 from deglint.errors import InputError, ReadError, WriteError
 from deglint.remove.strips import Strips
 
-from .common import HEDLEY, RUN, write_vrt
+from .common import HEDLEY, RUN, says, write_vrt
 
 
 @pytest.fixture
@@ -48,10 +48,10 @@ def test_no_such_file(refused, tmp_path):
 
 def test_not_a_raster(refused, tmp_path):
     (tmp_path / "a.tif").write_text("I am a text")
-    assert "is not a raster GDAL can read" in refused(tmp_path / "a.tif")
+    assert "not a raster" in refused(tmp_path / "a.tif")
     (tmp_path / "b.tif").write_bytes(b"")
-    assert "is not a raster GDAL can read" in refused(tmp_path / "b.tif")
-    assert "is not a raster GDAL can read" in refused(tmp_path)
+    assert "not a raster" in refused(tmp_path / "b.tif")
+    assert "not a raster" in refused(tmp_path)
 
 
 @pytest.mark.parametrize("part", [0.001, 0.02, 0.3, 0.6, 0.9, 0.999])
@@ -65,7 +65,7 @@ def test_a_truncated_file(refused, sea, write, tmp_path, layout, part):
     path = Path(write(tmp_path / "in.tif", sea(200, 150), **layout))
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * part)])
     said = refused(path, *RUN, "--nir", "4")
-    assert "truncated or damaged" in said or "is not a raster GDAL can read" in said
+    assert "truncated or damaged" in said or "not a raster" in said
 
 
 def test_a_virtual_raster_whose_file_is_missing(refused, tmp_path):
@@ -120,9 +120,9 @@ def test_one_band(refused, sea, write, tmp_path):
     for names in (["blue"], None):
         said = refused(write(tmp_path / "in.tif", sea()[:1], names=names))
         assert "no near-infrared band" in said
-        assert "stack a NIR band of the same image with it" in said
+        assert "stack a NIR band" in said
     said = refused(write(tmp_path / "b.tif", sea()[3:], names=["nir"]))
-    assert "no band but the NIR is left to correct: ask for others (-b), or stack others with it." in said
+    assert says(said, "no band but the NIR", "(-b)", "stack others")
 
 
 def test_no_nir_lists_the_bands_and_the_option(refused, sea, write, tmp_path):
@@ -224,7 +224,7 @@ def test_outputs_that_cannot_be_written(deglint, sea, write, tmp_path, monkeypat
         return ran.err
 
     assert "is a directory" in said(tmp_path)
-    assert "in.tif is a file, not a directory. Choose another place" in said(tmp_path / "in.tif" / "new" / "o.tif")
+    assert says(said(tmp_path / "in.tif" / "new" / "o.tif"), "in.tif is a file", "another place")
     assert "does not exist. Make it first" in said(tmp_path / "nowhere" / "out.tif")
     assert "outputs are local files" in said("/vsimem/out.tif")
     assert "outputs are local files" in said("s3://bucket/out.tif")
@@ -288,7 +288,7 @@ def test_a_small_file_that_cannot_be_written(sea, write, tmp_path, monkeypatch):
         return whole(Path("/dev/full") if ".json." in path.name else path, data)
 
     monkeypatch.setattr(Path, "write_bytes", fill_up)
-    with pytest.raises(WriteError, match=r"out.tif.json: the disk is full"):
+    with pytest.raises(WriteError, match=r"out\.tif\.json.*disk is full"):
         remove_glint(source, tmp_path / "out.tif", HEDLEY)
     assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
 

@@ -60,7 +60,7 @@ def test_what_is_measured(known):
     text = "\n\n".join(field.parts(found, seconds, {"lost one": "no folder"}, 512))
     assert re.search(r"\| other +\| 2\.0 +\| 2\.0", text)
     assert re.search(r"\| other +\| 2 +\| 0 +\| 0\.00 +\| - +\| 0\.0 +\| 1\.00 \(0\.500\)", text)
-    assert "0.500 to 0.500 of the time of deglint" in text
+    assert "0.500 to 0.500 of the time" in text
     assert re.search(r"\| p1 +\| 4\.0 +\| 2\.0 +\| other", text)
     assert "Not at hand: lost one (no folder)." in text
 

@@ -319,7 +319,7 @@ def test_an_input_that_changes_under_way(sea, write, tmp_path, how):
             source.write_bytes(data[::-1])
             source.write_bytes(data)
 
-    with pytest.raises(ReadError, match=r"truncated or damaged|was changed while it was read"):
+    with pytest.raises(ReadError, match=r"truncated or damaged|changed while"):
         remove_glint(source, tmp_path / "out.tif", HEDLEY, overwrite=True, threads=1, progress=progress)
     assert (tmp_path / "out.tif").read_bytes() == b"old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]

@@ -9,7 +9,7 @@ import deglint
 from deglint import Recipe, timing
 from deglint.cli.running import Console
 
-from .common import RUN
+from .common import RUN, says
 
 
 def test_decisions_are_logged_before_the_work(sea, write, tmp_path, caplog):
@@ -21,11 +21,11 @@ def test_decisions_are_logged_before_the_work(sea, write, tmp_path, caplog):
 
     with caplog.at_level(logging.INFO, "deglint"):
         deglint.remove_glint(source, tmp_path / "out.tif", Recipe(method="hedley"), progress=progress)
-    for begin in (f"{source}: 4 bands, 100 x 80 pixels", "NIR is band 4 nir (840 nm), nearest to 842 nm", "water: ",
+    for begin in (f"{source}: 4 bands, 100 x 80 pixels", "NIR is band 4 nir", "water: ",
                   "compensation: ", "sample: ", "method: hedley; bands to correct: blue, green, red"):  # fmt: skip
         assert any(line.startswith(begin) for line in at_work), begin
     after = caplog.messages[len(at_work) :]
-    assert after[0] == "bands changed: blue, green, red; copied: nir"
+    assert says(after[0], "changed: blue, green, red", "copied: nir")
     assert "pixels corrected" in after[-1]
     assert all(record.name.partition(".")[0] == "deglint" for record in caplog.records)
 
@@ -39,7 +39,7 @@ def test_band_delays_are_logged(write, sea, tmp_path, caplog):
     assert scene.bands[3].time_offset == pytest.approx(0.27)
     with caplog.at_level(logging.INFO, "deglint"):
         deglint.examine(scene)
-    assert "band delays read from file: up to 270 ms" in caplog.messages
+    assert says(caplog.text, "band delays", "270 ms")
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_a_batch_passes_on_what_its_workers_log(deglint, sea, write, tmp_path):
     order.write_text(f'[recipe]\nmethod = "hedley"\n[output]\ndirectory = "{tmp_path}/clean"\n')
     ran = deglint("batch", order, write(tmp_path / "one.tif", sea()), "-v")
     assert ran.code == 0
-    assert "one: NIR is band 4 nir (840 nm)" in ran.err
+    assert says(ran.err, "one: ", "band 4 nir", "840 nm")
     assert "[1/1] one done in " in ran.err
 
 

@@ -13,7 +13,7 @@ from deglint import remove_glint
 from deglint.errors import WriteError
 from deglint.raster.targets import Scratch, _clear_scratch
 
-from .common import HEDLEY, RUN
+from .common import HEDLEY, RUN, says
 
 OUTPUTS = ("out.tif", "out.tif.json", "f.tif", "m.json")
 
@@ -40,7 +40,7 @@ def test_an_error_between_two_moves_is_undone(deglint, sea, write, tmp_path, mon
     ran = deglint("remove", source, tmp_path / "out.tif", *RUN, "--overwrite", "--flags", tmp_path / "f.tif",
                   "--save-model", tmp_path / "m.json", "-q")  # fmt: skip
     assert ran.code == 1
-    assert "cannot move the result into place: Input/output error" in ran.err
+    assert says(ran.err, "cannot move", "Input/output error")
     assert "Nothing was changed" in ran.err
     assert old() == before
 
@@ -150,7 +150,7 @@ def test_an_output_that_another_run_made_meanwhile_stays(sea, write, tmp_path):
     def progress(stage, done, total):
         (tmp_path / "out.tif").write_bytes(b"theirs")
 
-    with pytest.raises(WriteError, match=r"out.tif was made by another run meanwhile, and stays. Give --overwrite"):
+    with pytest.raises(WriteError, match=r"out\.tif.*by another run.*--overwrite"):
         remove_glint(source, tmp_path / "out.tif", HEDLEY, progress=progress)
     assert (tmp_path / "out.tif").read_bytes() == b"theirs"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]

@@ -68,7 +68,7 @@ def test_parts_of_names():
 )
 def test_names_of_distributors_find_the_bands_of_a_sensor(names, sensor, expected):
     if not any(expected):
-        with pytest.raises(BandError, match=r"no band name fits, and 2 bands are not 4 or 8"):
+        with pytest.raises(BandError, match=r"no band name fits.*2 bands"):
             match(named(*names), sensors.load(sensor))
         return
     found, how = match(named(*names), sensors.load(sensor))
@@ -138,7 +138,7 @@ WHAT = [
 @pytest.mark.parametrize(("head", "says"), WHAT)
 def test_what_is_no_raster_is_named_for_what_it_is_and_not_called_truncated(tmp_path, head, says):
     (tmp_path / "a.tif").write_bytes(head)
-    with pytest.raises(ReadError, match=f"is not a raster GDAL can read: it .*{says}") as caught:
+    with pytest.raises(ReadError, match=f"not a raster.*: it .*{says}") as caught:
         open_scene(tmp_path / "a.tif")
     assert "truncated" not in str(caught.value)
 
@@ -170,7 +170,7 @@ def test_what_was_assumed_is_in_the_log_without_v(deglint, tmp_path, write, sea)
 
 def test_bands_and_wavelengths_name_a_file_without_metadata(tmp_path, write, sea):
     path = write(tmp_path / "a.tif", sea(), names=())
-    with pytest.raises(BandError, match=r'such as --bands "blue,green,red,nir", or say --wavelengths 475,560,668,842'):
+    with pytest.raises(BandError, match=r'--bands "blue,green,red,nir".*--wavelengths 475,560,668,842'):
         find_nir(open_scene(path))
     named = open_scene(path, bands="blue,green,red,nir")
     assert named.names == ("blue", "green", "red", "nir")
@@ -246,7 +246,7 @@ def test_a_fourth_band_that_gdal_takes_for_alpha_is_the_nir_where_bands_are_name
     plain = open_scene(path)
     assert len(plain.bands) == 3
     assert any("band 4 is alpha" in n and "--bands" in n for n in plain.notes)
-    with pytest.raises(BandError, match=r'no band beyond 700 nm.*taken for alpha.*--bands "red,green,blue,nir"'):
+    with pytest.raises(BandError, match=r'beyond 700 nm.*for alpha.*--bands "red,green,blue,nir"'):
         find_nir(plain)
     assert find_nir(open_scene(path, bands="red,green,blue,nir")) == (3,)
 

@@ -10,7 +10,7 @@ from deglint.readers import band_roles, explain_nir, find_nir, open_scene
 from deglint.readers.roles import find_band
 from deglint.scene import Band
 
-from .common import scene_of
+from .common import says, scene_of
 
 
 def bands_at(*wavelengths):
@@ -37,14 +37,14 @@ def test_nir_by_wavelength(at, index):
     ((490, 660), r".*follows the near infrared.*rxdetect score.*deglint plan"),
 ])  # fmt: skip
 def test_red_edge_and_shortwave_are_no_nir(at, says):
-    with pytest.raises(BandError, match=r"no near-infrared band.*scene\.tif.*1 w4.*" + says) as caught:
+    with pytest.raises(BandError, match=r"no near-infrared.*scene\.tif.*1 w4.*" + says) as caught:
         find_nir(bands_at(*at))
     assert "\n" not in str(caught.value)
 
 
 def test_nir_by_name():
     assert find_nir(scene_of(Band("Blue"), Band("Red Edge"), Band("NIR"))) == (2,)
-    assert explain_nir(scene_of(Band("NIR"))) == "NIR is band 1 NIR, by its name"
+    assert says(explain_nir(scene_of(Band("NIR"))), "band 1 NIR", "by its name")
 
 
 @pytest.mark.parametrize(
@@ -71,13 +71,13 @@ def test_nir_as_asked(wanted, expected):
 
 @pytest.mark.parametrize("wanted", ["0", 0, -1, "-1", 14, "NIR9", "swir", "²", "8A"])
 def test_nir_that_is_not_there(wanted):
-    with pytest.raises(BandError, match=r"no band .*Allowed are names and numbers 1-2: 1 w490 "):
+    with pytest.raises(BandError, match=r"no band .*numbers 1-2: 1 w490 "):
         find_nir(bands_at(490, 842), wanted)
 
 
 def test_a_visible_band_is_refused_as_nir_and_a_red_edge_is_warned_of():
     scene = bands_at(490, 660, 720, 842)
-    with pytest.raises(BandError, match=r"band 2 w660 \(660 nm\) is no near infrared.*3 w720 \(720 nm\), 4 w842"):
+    with pytest.raises(BandError, match=r"2 w660.*no near infrared.*3 w720.*4 w842"):
         find_nir(scene, "4,2")
     assert "warning: w720 is red edge" in explain_nir(scene, 3)
     assert "warning" not in explain_nir(scene, 4)
@@ -88,16 +88,14 @@ def test_a_visible_band_is_refused_as_nir_and_a_red_edge_is_warned_of():
 @pytest.mark.parametrize("wanted", [8.0, True, None, {"nir"}, Path("nir"), np.array([4]), [1, None], b"nir"])
 def test_what_is_no_band_at_all_is_named_in_one_line(wanted):
     wanted = {"wanted": wanted} if wanted is None else wanted
-    with pytest.raises(
-        InputError, match=r"want a band by name or by number \(from 1\), or a list of them, got "
-    ) as caught:
+    with pytest.raises(InputError, match=r"by name or by number.*list of them") as caught:
         find_nir(bands_at(490, 842), wanted)
     assert "\n" not in str(caught.value)
 
 
 def test_a_misspelt_band_is_told_the_nearest():
     scene = scene_of(Band("blue"), Band("green"), Band("nir"))
-    with pytest.raises(BandError, match=r"no band 'Bleu' in scene\.tif; did you mean 'blue'\?") as caught:
+    with pytest.raises(BandError, match=r"no band 'Bleu'.*scene\.tif.*mean 'blue'") as caught:
         find_band(scene, "Bleu")
     assert "--nir" not in str(caught.value)
     assert find_band(scene_of(Band("SR_B2"), Band("SR_B3")), "B02") == 0
@@ -114,7 +112,7 @@ def test_nir_asked_for_nothing():
 
 def test_reason_for_the_log(write, tmp_path):
     scene = bands_at(490, 783, 842, 865)
-    assert explain_nir(scene) == "NIR is band 3 w842 (842 nm), nearest to 842 nm"
+    assert says(explain_nir(scene), "band 3 w842", "nearest to 842 nm")
     path = write(tmp_path / "a.tif", np.zeros((2, 4, 5), np.uint16), names=["x", "y"])
     (note,) = open_scene(path, nir="y").notes
     assert note.startswith("NIR is band 2 y, as asked for; warning: the wavelength of y is not known")

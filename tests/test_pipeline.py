@@ -59,7 +59,7 @@ def test_a_given_model_takes_its_own_recipe_and_refuses_another(sea, write, tmp_
     source = write(tmp_path / "in.tif", sea())
     model = fit_scene(open_scene(source), PLAIN).model
     for options in ({"method": "joyce"}, {"compensate": "thesis"}):
-        with pytest.raises(InputError, match="given model is hedley with no stages: leave out the recipe's method"):
+        with pytest.raises(InputError, match=r"model is hedley.*no stages.*recipe's method"):
             remove_glint(source, tmp_path / "out.tif", Recipe(**options), model=model)
     own = replace(PLAIN, nir_use="best")
     result = remove_glint(source, tmp_path / "own.tif", own, model=model)

@@ -333,12 +333,12 @@ def test_limits_are_numbers():
 
 
 def test_a_band_that_is_not_there():
-    with pytest.raises(BandError, match="no band 'PURPLE' in thesis; it has COASTAL"):
+    with pytest.raises(BandError, match=r"no band 'PURPLE' in thesis.*COASTAL"):
         mission(bands=("PURPLE",))
 
 
 def test_the_sun_below_the_horizon_says_when_it_rises():
-    with pytest.raises(InputError, match=r"below the horizon \(-\d+\.\d degrees\).*It rises at 2026-06-21T12:5\dZ"):
+    with pytest.raises(InputError, match=r"below the horizon.*-\d+\.\d degrees.*rises at 2026-06-21T12:5\dZ"):
         Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T08:00Z")
     with pytest.raises(InputError, match="does not rise within a day"):
         Mission(latitude=85.0, longitude=0.0, time="2026-12-21T12:00Z")

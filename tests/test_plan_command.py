@@ -17,6 +17,8 @@ from deglint.physics import sky, slopes
 from deglint.physics.presets import PRESETS
 from deglint.plan.mission import WATERS
 
+from .common import says
+
 PLACE = ("--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T18:00Z")
 WIND = ("--wind", "7@310")
 
@@ -132,15 +134,15 @@ def test_a_mission_whose_place_is_no_table_is_one_line(deglint, tmp_path):
 def test_what_is_assumed_is_said(deglint):
     ran = deglint("plan", "--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T18:00", "--step", "10")
     assert ran.code == 0
-    assert "time 2026-06-21T18:00 names no zone: taken as UTC." in ran.err
-    assert "wind: 5 m/s from 0 degrees assumed; give --wind SPEED@FROM." in ran.err
+    assert says(ran.err, "2026-06-21T18:00 ", "no zone", "UTC")
+    assert says(ran.err, "wind: 5 m/s from 0 degrees", "--wind SPEED@FROM")
     strong = deglint("plan", *PLACE, "--wind", "16@0", "--step", "10")
     assert "slopes were measured up to 14 m/s" in strong.err
     zone = deglint("plan", "--lat", "0", "--lon", "0", "--time", "2026-06-21T14:00+02:00", *WIND, "--step", "10")
     assert zone.err == ""
     span = ("--from", "2026-06-21T15:00", "--to", "2026-06-21T16:00Z", "--every", "1h")
     swept = deglint("plan", *PLACE[:4], *WIND, *span)
-    assert swept.err == "time 2026-06-21T15:00 names no zone: taken as UTC.\n"
+    assert (swept.err.count("\n"), says(swept.err, "2026-06-21T15:00 ", "no zone", "UTC")) == (1, True)
 
 
 def test_a_mission_file_and_options_over_it(deglint, tmp_path):
@@ -159,7 +161,7 @@ def test_a_mission_file_and_options_over_it(deglint, tmp_path):
     assert found["air"]["pressure"] == pytest.approx(1013.2, abs=0.1)
     assert [b["name"] for b in found["sensor"]["band"]] == ["BLUE", "GREEN"]
     file.write_text("[sun]\nzenith = 30\nazimuth = 100\n[look]\nstep = 10\n")
-    assert "wind: 5 m/s from 0 degrees assumed" in deglint("plan", "--mission", file).err
+    assert "wind: 5 m/s" in deglint("plan", "--mission", file).err
     file.write_text("[wind\n")
     assert "is not TOML" in deglint("plan", "--mission", file).err
 

@@ -19,7 +19,7 @@ from deglint.plan.swath import Alternative, FieldOfView, Line, alternatives, vie
 from deglint.plan.swath import words as sentences
 from deglint.plan.sweep import WindEnsemble, best_moment, next_daylight, plans, table, times
 
-from .common import BAY
+from .common import BAY, says
 
 
 def between(a, b):
@@ -51,7 +51,7 @@ def test_best_geometry_of_one_band():
     assert geometry.bands == ("RED",)
     assert geometry.contrast == plan.by_band[k, round(geometry.zenith / 2), round(geometry.azimuth / 2)]
     assert best_geometry(plan, band="NIR1") is None
-    with pytest.raises(BandError, match="does not count in this plan; add it to the bands, BLUE"):
+    with pytest.raises(BandError, match=r"not count.*add it.*BLUE"):
         best_geometry(reticle(replace(BAY, bands=("BLUE",))), band="RED")
 
 
@@ -59,9 +59,7 @@ def test_no_good_look_is_said():
     plan = reticle(replace(BAY, limits=Limits(snr=1e5)))
     assert plan.excluded.all()
     assert best_geometry(plan) is None
-    assert (
-        sentence(None) == "No viewing geometry is good: sun glint, mirrored sky, noise or saturation spoils every one."
-    )
+    assert says(sentence(None), "No viewing geometry is good", "sun glint", "saturation")
     assert picture(plan).shape == (HEIGHT, WIDTH, 3)
 
 
@@ -122,7 +120,7 @@ def test_a_night_has_no_best_time():
 
 
 def test_spans_of_time_that_cannot_be():
-    with pytest.raises(InputError, match=r"minutes must be 0\.02 to 1e"):
+    with pytest.raises(InputError, match=r"^minutes .*0\.02 to 1e"):
         times("2026-06-21T18:00Z", "2026-06-21T19:00Z", 0.005)
     with pytest.raises(InputError, match="must not lie before"):
         times("2026-06-21T11:00Z", "2026-06-21T10:00Z", 30)

@@ -18,7 +18,7 @@ from deglint.errors import BandError, InputError, ReadError
 from deglint.readers import band_roles, find_nir, open_scene
 from deglint.readers.spectral import nanometres, nominal_wavelength, wavelength_in_name
 
-from .common import NAMES, SHARED, beside, wavelengths
+from .common import NAMES, SHARED, beside, says, wavelengths
 from .common import write_bare as write
 
 GDAL = tuple(int(n) for n in rasterio.__gdal_version__.split(".")[:2])
@@ -160,7 +160,8 @@ def test_units():
 def test_sentinel2_codes_give_wavelengths(tmp_path):
     scene = open_scene(write(tmp_path / "a.tif", zeros(4), names=["B02", "B8A", "B11", "SCL"]))
     assert wavelengths(scene) == [492.4, 864.7, 1613.7, None]
-    assert scene.notes == ("the names are Sentinel-2's; their wavelengths are assumed",)
+    (note,) = scene.notes
+    assert says(note, "Sentinel-2", "assumed")
     ambiguous = open_scene(write(tmp_path / "b.tif", zeros(2), names=["B2", "B8"]))
     assert wavelengths(ambiguous) == [None, None]
 
@@ -256,7 +257,7 @@ def test_no_such_file_and_not_a_raster_differ(tmp_path):
         with pytest.raises(ReadError, match=r"no such file: .*none"):
             open_scene(missing)
     for other in (text, tmp_path):
-        with pytest.raises(ReadError, match="is not a raster GDAL can read"):
+        with pytest.raises(ReadError, match="not a raster"):
             open_scene(other)
     with pytest.raises(InputError, match="at least one file"):
         open_scene([])
@@ -348,7 +349,7 @@ def test_coarse_band_is_resampled_bilinear_to_the_finest(tmp_path):
     assert named.shape == (2, 10, 10)
     np.testing.assert_allclose(named.read()[1], ramp(10, 20)[0], atol=1e-3)
     assert open_scene([coarse, fine], grid=1).shape == (2, 10, 10)
-    with pytest.raises(InputError, match="grid: allowed are 'finest', a file number 1-2 or a file name, got 3"):
+    with pytest.raises(InputError, match=r"^grid: .*'finest'.*1-2.*\b3\b"):
         open_scene([coarse, fine], grid=3)
 
 
@@ -482,7 +483,7 @@ def test_every_number_is_data_in_a_resampled_file_too(regridded):
 
 
 def test_a_band_that_gdal_takes_for_alpha_is_not_resampled(regridded):
-    with pytest.raises(InputError, match=r"coarse\.tif: a band that GDAL takes for alpha.*-colorinterp_4 undefined"):
+    with pytest.raises(InputError, match=r"coarse\.tif: .*for alpha.*-colorinterp_4 undefined"):
         regridded(np.full((4, 10, 10), 9, "uint8"), names=NAMES, photometric="rgb", alpha="yes")
 
 
@@ -515,7 +516,7 @@ def test_a_file_without_crs_lies_in_that_of_the_other(tmp_path, order):
 def test_a_file_that_cannot_be_placed_is_one_line(tmp_path, crs, x):
     fine = write(tmp_path / "a.tif", np.ones((1, 20, 20)), **UTM, transform=place(5e5, 1e6, 10, 10))
     other = write(tmp_path / "b.tif", np.ones((1, 10, 10)), crs=crs, transform=place(x, 1e6, 20, 20))
-    with pytest.raises(InputError, match=r"b\.tif cannot be placed in the CRS of .*a\.tif: .*\. Check its CRS\."):
+    with pytest.raises(InputError, match=r"b\.tif cannot be placed.*CRS of .*a\.tif: .*Check its CRS"):
         open_scene([fine, other])
 
 
@@ -539,10 +540,10 @@ def test_other_crs_is_warped_and_other_places_are_refused(tmp_path):
         parts = list(pool.map(scene.read, [((0, 10), (0, 20)), ((10, 20), (0, 20))] * 4))
     np.testing.assert_allclose([p[1] for p in parts], 4)
     far = write(tmp_path / "c.tif", ramp(20, 10), **UTM, transform=place(7e5, 1e6, 10, 10))
-    with pytest.raises(InputError, match=r"c\.tif and .*a\.tif do not overlap"):
+    with pytest.raises(InputError, match=r"c\.tif.*a\.tif do not overlap"):
         open_scene([fine, far])
     nowhere = write(tmp_path / "d.tif", ramp(10, 10))
-    with pytest.raises(InputError, match=r"d\.tif has no coordinate reference system and another size"):
+    with pytest.raises(InputError, match=r"d\.tif.*no coordinate reference system.*another size"):
         open_scene([fine, nowhere])
 
 

@@ -87,7 +87,7 @@ def test_a_scene_on_a_server_is_a_scene(deglint, sea, write, read, tmp_path, ser
 def test_a_store_that_wants_credentials_says_how_to_do_without(monkeypatch):
     said = "AWS_SECRET_ACCESS_KEY and AWS_NO_SIGN_REQUEST configuration options not defined"
     monkeypatch.setattr("rasterio.open", lambda *_, **__: (_ for _ in ()).throw(OSError(said)))
-    with pytest.raises(ReadError, match=r"Give credentials; or set AWS_NO_SIGN_REQUEST=YES, if it is public\.$"):
+    with pytest.raises(ReadError, match=r"Give credentials.*AWS_NO_SIGN_REQUEST=YES"):
         open_scene("s3://bucket/x.tif")
 
 
@@ -103,7 +103,7 @@ def test_a_stac_item_on_a_server_is_a_scene(sea, write, tmp_path, serve):
     scene = open_scene(f"{base}/tile")
     assert scene.names == ("blue", "green", "red", "nir")
     np.testing.assert_array_equal(scene.read(), sea())
-    with pytest.raises(ReadError, match=r"cannot read the STAC Item http.*none: .*Check the address"):
+    with pytest.raises(ReadError, match=r"STAC Item http.*none: .*Check the address"):
         open_scene(f"{base}/none")
 
 

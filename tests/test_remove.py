@@ -332,7 +332,7 @@ def test_a_saved_model_whose_numbers_name_nothing_is_refused(wrong):
 
 def test_errors_say_what_to_do():
     block, _ = scene()
-    with pytest.raises(FitError, match="holds 9 valid pixels, need at least 64"):
+    with pytest.raises(FitError, match=r"9 valid pixels.*at least 64"):
         fitted("hedley", block, sample=np.pad(np.ones((3, 3), bool), ((0, 67), (0, 87))))
     with pytest.raises(FitError, match="holds 0 valid pixels"):
         fitted("joyce", np.full_like(block, np.nan))
@@ -394,7 +394,7 @@ def test_a_nir_that_varies_outside_the_pixels_of_the_regression_is_refused(regre
         monkeypatch.setattr(f"deglint.remove.statistics.{name}", 4000)
     block, _ = scene(noise=1.0)  # of 6300 pixels, every other one is used
     block[NIR].flat[::2] = 5
-    with pytest.raises(FitError, match=r"constant in the 3150 pixels.* use --regression ols"):
+    with pytest.raises(FitError, match=r"constant.*3150 pixels.*--regression ols"):
         fitted("hedley", block, regression)
     fitted("hedley", block)
 

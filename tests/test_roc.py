@@ -222,7 +222,7 @@ def test_objects_are_numbered_by_the_truth_or_by_connection():
 @pytest.mark.parametrize("kind", ["uint32", "int64", "float64"])
 def test_numbers_beyond_32_bits_do_not_merge_objects(kind):
     truth = np.array([[0, 3_000_000_001, 0, 3_000_000_007]], kind)
-    with pytest.raises(InputError, match="up to 2147483647, the numbers of objects, got 3000000001"):
+    with pytest.raises(InputError, match=r"2147483647.*objects.*3000000001"):
         number_objects(truth)
     np.testing.assert_array_equal(number_objects(truth, connected=True), [[0, 1, 0, 2]])
 

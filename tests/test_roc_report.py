@@ -12,7 +12,7 @@ from detect.report import Request, evaluate, page
 from detect.report.page import shrink
 from detect.roc import Roc, auc_interval, bootstrap
 
-from .common import PLACE
+from .common import PLACE, says
 
 VOID = {"meta", "br", "img", "path", "rect", "circle", "image"}
 
@@ -151,7 +151,7 @@ def test_the_same_seed_makes_the_same_page(files):
 def test_terminal_table(files, rxdetect):
     ran = rxdetect("roc", files / "first.tif", files / "truth.tif", "--bootstrap", 0)
     assert ran.code == 0
-    assert "4760 of 4800 pixels judged: 120 of targets (6 objects)" in ran.out
+    assert says(ran.out, "4760 of 4800 pixels", "120 ", "6 objects")
     assert "Pd@1e-02" in ran.out
     assert ran.err == ""
     assert rxdetect("roc", files / "first.tif", files / "truth.tif", "--bootstrap", 0, "-q").out == ""
@@ -260,7 +260,7 @@ def test_objects_nobody_could_see_are_neither_found_nor_missed(files, rxdetect):
     said = json.loads(ran.out)["detectors"][0]
     assert said["objects"]["unseen"] == [4, 5, 6]
     assert all(p["objects"] == 3 for p in said["operating_points"])
-    assert "objects without a valid pixel, neither found nor missed: 3" in ran.err
+    assert says(ran.err, "without a valid pixel", ": 3")
 
 
 def shifted(name, **how):

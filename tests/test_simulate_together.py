@@ -68,5 +68,5 @@ def test_truth_is_selected_by_suffix_and_unknown_ones_are_refused(tmp_path):
     assert [p.name for p in write_scene(scene, tmp_path / "sea", truth="_truth")] == [
         "sea.tif", "sea_truth.tif", "sea.json"
     ]  # fmt: skip
-    with pytest.raises(InputError, match="the scene has no truth _water; choose from _truth, _truth_water"):
+    with pytest.raises(InputError, match=r"no truth _water.*_truth, _truth_water"):
         write_scene(scene, tmp_path / "other", truth={"_truth", "_water"})

@@ -14,8 +14,8 @@ from deglint.raster.convert import is_valid, to_physical
 from deglint.raster.source import ArraySource
 from deglint.readers import open_scene
 
+from .common import says, write_vrt
 from .common import write_bare as write
-from .common import write_vrt
 
 SHAPE = (3, 20, 30)
 WHOLE = ((0, 20), (0, 30))
@@ -52,7 +52,7 @@ def test_float16_where_gdal_has_it(tmp_path):
 
 def test_complex_is_refused_in_one_line(tmp_path):
     path = write(tmp_path / "a.tif", numbers("complex64"))
-    with pytest.raises(InputError, match=r"band 1 is complex64; allowed are integers and real numbers") as caught:
+    with pytest.raises(InputError, match=r"band 1.*complex64.*integers and real") as caught:
         open_scene(path)
     assert "\n" not in str(caught.value)
 
@@ -76,7 +76,7 @@ def test_nodata_of_the_caller_wins(tmp_path):
     scene = open_scene(path, nodata=9)
     np.testing.assert_array_equal(np.isnan(scene.read()), numbers("uint16") == 9)
     assert scene.source.info.nodata == 9
-    with pytest.raises(InputError, match="nodata: allowed is an integer 0 to 65535 for uint16, got -9999"):
+    with pytest.raises(InputError, match=r"^nodata: .*0 to 65535.*uint16.*-9999"):
         open_scene(path, nodata=-9999)
 
 
@@ -85,7 +85,8 @@ def test_nodata_that_the_type_cannot_hold_is_ignored(tmp_path):
     more = "<NoDataValue>0.5</NoDataValue>"
     vrt = write_vrt(tmp_path / "a.vrt", 20, 30, "a.tif", bands=(1,), dtype="Byte", more=more)
     scene = open_scene(vrt)
-    assert scene.notes == (f"{vrt}: nodata 0.5 of band 1 is ignored: uint8 cannot hold it",)
+    (note,) = scene.notes
+    assert says(note, f"{vrt}: nodata 0.5 of band 1", "ignored", "uint8")
     assert np.isfinite(scene.read()).all()
 
 
@@ -167,7 +168,7 @@ def test_a_window_may_be_lists(tmp_path):
 
 def test_window_outside_is_refused_and_empty_is_empty(tmp_path):
     source = open_scene(write(tmp_path / "a.tif", numbers("uint8"))).source
-    with pytest.raises(InputError, match=r"allowed inside rows 0-20 and columns 0-30, got rows 0-21"):
+    with pytest.raises(InputError, match=r"rows 0-20.*columns 0-30.*rows 0-21"):
         source.read(((0, 21), (0, 30)), [0])
     assert source.read(((4, 4), (0, 30)), [0]).shape == (1, 0, 30)
 
@@ -177,7 +178,7 @@ def test_a_band_outside_is_refused(tmp_path, band):
     array = numbers("uint8")
     source = open_scene(write(tmp_path / "a.tif", array)).source
     for one in (source, ArraySource(array, source.info)):
-        with pytest.raises(InputError, match=rf"bands: allowed are 0-2, counted from 0, got {band}"):
+        with pytest.raises(InputError, match=rf"^bands: .*0-2.*from 0.* {band}$"):
             one.read(WHOLE, [0, band])
 
 
@@ -206,7 +207,7 @@ def test_close_and_pickle(tmp_path):
         copy = pickle.loads(pickle.dumps(source))
         (handle,) = source._idle
     assert handle[0].closed
-    with pytest.raises(ReadError, match=r"was closed\. Open the scene again"):
+    with pytest.raises(ReadError, match=r"was closed.*Open.*again"):
         source.read(WHOLE, [0])
     np.testing.assert_array_equal(copy.read(WHOLE, [0]), array[:1])
 
@@ -236,7 +237,7 @@ def test_file_cut_in_its_header_is_refused(tmp_path):
     path = tmp_path / "a.tif"
     write(path, numbers("uint16", (1, 400, 300)), tags={"a": "1"})  # which move the header behind the pixels
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ReadError, match=r"cannot open .*a\.tif: .*truncated or damaged"):
+    with pytest.raises(ReadError, match=r"cannot open .*a\.tif.*truncated or damaged"):
         open_scene(path)
 
 

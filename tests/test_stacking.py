@@ -212,7 +212,7 @@ def test_items_of_a_collection_are_scenes_of_a_batch(deglint, files, tmp_path):
     items = [item_of(files) | {"id": name} for name in ("one", "two")]
     collection = tmp_path / "items.json"
     collection.write_text(json.dumps({"type": "FeatureCollection", "features": items}))
-    with pytest.raises(InputError, match=r"holds 2 STAC Items\. Name one as .*items\.json#ID; there are one, two"):
+    with pytest.raises(InputError, match=r"2 STAC Items.*Name one.*items\.json#ID.*one, two"):
         open_scene(collection)
     assert open_scene(f"{collection}#two").names == ("B2", "B3", "B4", "B8")
     assert open_scene(f"{collection}#two#b8,b2").names == ("B8", "B2")

@@ -21,7 +21,7 @@ from deglint.readers.arrays import open_array
 from detect.pipeline import Recipe as Scoring
 from detect.pipeline import score_file
 
-from .common import HEDLEY, NAMES, WATER
+from .common import HEDLEY, NAMES, WATER, says
 
 xarray = pytest.importorskip("xarray", reason="needs pip install 'deglint[xarray]'")
 rioxarray = pytest.importorskip("rioxarray", reason="needs pip install 'deglint[xarray]'")
@@ -319,7 +319,7 @@ def test_a_dataset_of_one_image_and_tables_of_its_bands(sea, name):
     clean = held.deglint.apply(held.deglint.fit(HEDLEY))
     np.testing.assert_array_equal(clean[name].values, deglint.xr.remove(image, HEDLEY).values)
     xarray.testing.assert_identical(held.deglint.remove(HEDLEY), clean)
-    with pytest.raises(InputError, match=f"{name}, other have bands of their own"):
+    with pytest.raises(InputError, match=f"{name}, other .*bands of their own"):
         held.assign(other=image).deglint.fit(HEDLEY)
 
 
@@ -328,7 +328,7 @@ def test_an_entry_without_a_fit_is_copied_as_one_without_water(sea, caplog):
     clean = deglint.xr.remove(xarray.concat([one * np.nan, one], "time"), HEDLEY)
     assert np.isnan(clean.values[0]).all()
     np.testing.assert_array_equal(clean.values[1], deglint.xr.remove(one, HEDLEY).values)
-    assert "copied, not corrected: sample holds 0 valid pixels" in caplog.text
+    assert says(caplog.text, "not corrected", "0 valid pixels")
 
 
 def test_a_lazy_array_smaller_than_the_halo_is_scored_as_a_whole_one(sea):
@@ -407,7 +407,7 @@ def test_decoded_and_raw_numbers_give_the_same(sea, write, tmp_path):
 
 @pytest.mark.parametrize("nodata", ["0", "nan", True, [0]])
 def test_nodata_is_a_number_or_none(sea, nodata):
-    with pytest.raises(InputError, match=r'nodata \("none": every number is data\): want a number'):
+    with pytest.raises(InputError, match=r'nodata .*"none".*want a number'):
         open_array(odc_like(sea())["B02"], nodata=nodata)
 
 
@@ -423,7 +423,7 @@ def test_coordinates_of_any_type_place_the_pixels(dtype):
 def test_coordinates_that_are_not_evenly_spaced_are_refused(dim):
     places = {d: np.array([0.0, 1, 2, 9] if d == dim else [0.0, 1, 2, 3]) for d in ("y", "x")}
     given = xarray.DataArray(np.ones((4, 4)), dims=("y", "x"), coords=places)
-    with pytest.raises(InputError, match=rf"coordinates {dim} are not evenly spaced.*array\.drop_vars\('{dim}'\)"):
+    with pytest.raises(InputError, match=rf"coordinates {dim} .*not evenly spaced.*drop_vars\('{dim}'\)"):
         open_array(given)
     assert open_array(given.drop_vars(dim)).scene.transform is None
 
@@ -452,11 +452,11 @@ def test_a_declared_transform_without_inverse_is_none(sea):
 def test_what_does_not_match_the_fit_is_said(sea):
     array = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(NAMES)})
     fitted = deglint.xr.fit(array, HEDLEY)
-    with pytest.raises(InputError, match="fitted to bands blue, green, red, nir; the array has blue, green, red"):
+    with pytest.raises(InputError, match=r"fitted.*blue, green, red, nir.*array has blue, green, red"):
         deglint.xr.apply(array[:3], fitted)
     with pytest.raises(InputError, match="fitted: want a Fitted, got 'hedley'"):
         deglint.xr.apply(array, "hedley")
-    with pytest.raises(InputError, match=r"fitted: want a GlintModel, got a Fitted\. .* pass fitted\.model\."):
+    with pytest.raises(InputError, match=r"^fitted: want a GlintModel.*Fitted.*fitted\.model"):
         deglint.xr.apply(array, fitted, chain=fitted.chain)
     with pytest.raises(InputError, match="chain: want a Chain, got 'thesis'"):
         deglint.xr.apply(array, fitted.model, chain="thesis")
@@ -477,7 +477,7 @@ def test_a_mask_wins_over_that_of_the_fit(sea):
 
 def test_what_cannot_be_used_is_said(sea):
     given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(NAMES)})
-    with pytest.raises(InputError, match=r"one at a time, such as array\.isel\(time=0\)"):
+    with pytest.raises(InputError, match=r"one at a time.*isel\(time=0\)"):
         deglint.xr.fit(given.expand_dims(time=2))
     with pytest.raises(InputError, match="want dimensions y and x"):
         deglint.xr.remove(given.rename(y="north"))

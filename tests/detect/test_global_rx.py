@@ -237,10 +237,10 @@ def test_refusals():
         rx(np.ones((3, 4, 4)))
     with pytest.raises(InputError, match="not one of rx, utd"):
         detector("nonsense", background.fit(image_of()))
-    with pytest.raises(InputError, match="the image has 3 bands, the background 5"):
+    with pytest.raises(InputError, match=r"image .*3 bands.*background 5"):
         rx(image_of()[:3], background.fit(image_of()))
     for function in (rx, background.fit):
-        with pytest.raises(InputError, match="threads: want a number from 1 to 1024, got -1"):
+        with pytest.raises(InputError, match=r"^threads: .*1 to 1024.* -1\b"):
             function(image_of(), threads=-1)
 
 

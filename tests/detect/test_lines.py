@@ -9,6 +9,8 @@ import rasterio
 from deglint.errors import InputError
 from detect import LineScorer, rx, score_lines
 
+from ..common import says
+
 
 def test_scores_follow_the_background_and_never_the_line_itself():
     rng = np.random.default_rng(0)
@@ -63,7 +65,7 @@ def test_a_scene_of_one_line_is_told_to_be_too_short(rxdetect, write, tmp_path):
     source = write(tmp_path / "line.tif", np.random.default_rng(0).normal(50, 2, (3, 1, 90)).astype(np.float32))
     ran = rxdetect("score", source, tmp_path / "s.tif", "--lines")
     assert ran.code == 3
-    assert "no line comes after 4 valid pixels per band" in ran.err
+    assert says(ran.err, "no line", "4 valid pixels")
     assert "is nodata" not in ran.err
 
 

@@ -252,7 +252,7 @@ def test_refuses_impossible_air(params, message):
 
 
 def test_refuses_wavelengths_beyond_the_table_and_a_sun_that_is_down():
-    with pytest.raises(InputError, match=r"wavelength must be 300 to 1000 nm, got 0\.55"):
+    with pytest.raises(InputError, match=r"^wavelength .*300 to 1000 nm.* 0\.55"):
         atmosphere.irradiance(0.55, 30)
-    with pytest.raises(InputError, match="sun_zenith must be 0 to 90 degrees, got 100"):
+    with pytest.raises(InputError, match=r"^sun_zenith .*0 to 90 degrees.* 100\b"):
         atmosphere.irradiance(550, 100)

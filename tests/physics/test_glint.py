@@ -157,9 +157,9 @@ def test_nan_stays_nan():
 
 
 def test_refuses_what_cannot_be():
-    with pytest.raises(InputError, match=r"sun_zenith must be 0 to 90 degrees, got 95. The sun is down"):
+    with pytest.raises(InputError, match=r"^sun_zenith .*90 degrees.* 95.*sun is down"):
         glint.facet(95, 0, 0, 0)
-    with pytest.raises(InputError, match="view_zenith must be 0 to 89 degrees, got 90"):
+    with pytest.raises(InputError, match=r"^view_zenith .*0 to 89 degrees.* 90"):
         glint.facet(30, 0, 90, 0)
     with pytest.raises(InputError, match="half_angle"):
         glint.cone(-1)

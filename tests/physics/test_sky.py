@@ -144,9 +144,9 @@ def test_shapes_and_nan():
 
 
 def test_refuses_what_cannot_be():
-    with pytest.raises(InputError, match="model must be one of uniform, cardioidal, harrison-coombes, got 'blue'"):
+    with pytest.raises(InputError, match=r"^model .*uniform, cardioidal, harrison-coombes.*'blue'"):
         sky.radiance(0, 0, model="blue")
-    with pytest.raises(InputError, match="zenith must be 0 to 90 degrees, got 91"):
+    with pytest.raises(InputError, match=r"^zenith .*0 to 90 degrees.* 91\b"):
         sky.radiance(91, 0)
-    with pytest.raises(InputError, match="view_zenith must be 0 to 89"):
+    with pytest.raises(InputError, match=r"^view_zenith .*0 to 89"):
         sky.reflectance(90, 0, wind=5, wind_from=0)

@@ -126,12 +126,12 @@ def test_nan_stays_nan():
 
 @pytest.mark.parametrize("wind", [0.0, -3.0, 20.1, np.inf])
 def test_refuses_wind_beyond_the_models(wind):
-    with pytest.raises(InputError, match=r"wind must be 0\.1 to 20 m/s, got"):
+    with pytest.raises(InputError, match=r"^wind .*0\.1 to 20 m/s"):
         slopes.density(0, 0, wind)
 
 
 def test_refuses_unknown_models_and_flat_seas():
-    with pytest.raises(InputError, match="model must be one of cox-munk, "):
+    with pytest.raises(InputError, match=r"^model .*one of cox-munk"):
         slopes.density(0, 0, 5.0, model="cox")
     with pytest.raises(InputError, match="variance_upwind must be"):
         slopes.gaussian(0, 0, 0.0, 0.01)

@@ -102,9 +102,9 @@ def test_day_of_year():
 
 
 def test_refuses_what_is_no_time_or_place():
-    with pytest.raises(InputError, match="time must be like 2026-06-21T18:00Z, got 'noon'"):
+    with pytest.raises(InputError, match=r"^time .*like 2026-\S*Z.*'noon'"):
         sun.position(0, 0, "noon")
-    with pytest.raises(InputError, match="temperature must be -90 to 60 degrees Celsius, got 288"):
+    with pytest.raises(InputError, match=r"^temperature .*-90 to 60.*Celsius.* 288"):
         sun.position(36.8, -122.0, "2026-06-21T18:00Z", temperature=288.0)
-    with pytest.raises(InputError, match="latitude must be -90 to 90 degrees, got 91"):
+    with pytest.raises(InputError, match=r"^latitude .*-90 to 90 degrees.* 91"):
         sun.position(91, 0, "2026-06-21")

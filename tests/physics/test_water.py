@@ -218,7 +218,7 @@ def test_refuses_impossible_objects(options, message):
 
 
 def test_refuses_impossible_water():
-    with pytest.raises(InputError, match=r"chlorophyll must be 0\.01 to 30 mg m-3, got 0"):
+    with pytest.raises(InputError, match=r"^chlorophyll .*0\.01 to 30 mg.* 0\b"):
         iops.case1(490, 0.0)
-    with pytest.raises(InputError, match="wavelength must be 300 to 1000 nm, got 1100"):
+    with pytest.raises(InputError, match=r"^wavelength .*300 to 1000 nm.* 1100"):
         iops.case1(1100, 0.5)

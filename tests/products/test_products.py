@@ -10,7 +10,7 @@ import deglint
 from deglint.errors import InputError, ReadError
 from deglint.readers.products import find
 
-from ..common import SHARED, beside
+from ..common import SHARED, beside, says
 
 S2_BANDS = {"B02": 492.7, "B03": 559.8, "B04": 664.6, "B05": 704.1, "B08": 832.8, "B11": 1613.7}
 OLI = (443, 482, 561, 654, 865, 1608, 2200)
@@ -118,7 +118,7 @@ def test_nodata_is_nan_and_coarse_bands_lie_on_the_grid_of_the_fine(make, sea, t
     assert np.isfinite(scene.read(((1, 2), (0, 5)), ["SR_B5"])).all()
     scene = deglint.open_scene(make.sentinel2(tmp_path, sea()))
     assert scene.shape == (6, 80, 100)
-    assert "B05, B11 are resampled (bilinear) to the grid of B02" in scene.notes
+    assert any(says(n, "B05, B11", "bilinear", "grid of B02") for n in scene.notes)
     assert any(n.startswith("B01 (pixels of 60 m) left out") for n in scene.notes)
     assert any("no files of B06, B07, B8A, B12" in n for n in scene.notes)
 
@@ -171,7 +171,7 @@ def test_damaged_metadata_are_named_and_an_image_opens_without_them(make, sea, t
     landsat = make.landsat(tmp_path / "l", sea(), 1)
     next(landsat.glob("*MTL*")).write_text(broken)
     for folder, image in ((safe, "*B02_10m.jp2"), (landsat, "*_B2.TIF")):
-        with pytest.raises(InputError, match=r"is damaged.*Download it again, or name the image itself\.$"):
+        with pytest.raises(InputError, match=r"damaged.*Download.*image itself\.$"):
             deglint.open_scene(folder)
         assert len(deglint.open_scene(next(folder.rglob(image))).bands) == 1
 
@@ -192,7 +192,7 @@ def test_landsat_level_2_is_scaled_without_metadata_and_scenes_lie_side_by_side(
     mtl = next(folder.glob("*MTL*"))
     for path in sorted(folder.iterdir()):
         path.with_name(path.name.replace("20220311", "20220412")).write_bytes(path.read_bytes())
-    with pytest.raises(InputError, match=r"holds 2 Landsat scenes.*Name the \*_MTL.txt file of one"):
+    with pytest.raises(InputError, match=r"2 Landsat scenes.*Name.*_MTL\.txt"):
         deglint.open_scene(folder)
     for path, names in ((mtl, SR), ([folder / f"{make.L2}_SR_B5.TIF", folder / f"{make.L2}_SR_B3.TIF"], SR[4:1:-2])):
         scene = deglint.open_scene(path)
@@ -208,7 +208,7 @@ def test_landsat_level_2_is_scaled_without_metadata_and_scenes_lie_side_by_side(
 def test_several_products_or_none_say_what_to_name(make, sea, tmp_path):
     make.sentinel2(tmp_path / "a", sea())
     make.sentinel2(tmp_path / "a", sea(), "1C")
-    with pytest.raises(InputError, match=r"holds 2 Sentinel-2 products: .*MTD_MSIL1C\.xml.*Name one") as caught:
+    with pytest.raises(InputError, match=r"2 Sentinel-2 products.*MTD_MSIL1C\.xml.*Name one") as caught:
         deglint.open_scene(tmp_path / "a")
     assert "\n" not in str(caught.value)
     make.raster(tmp_path / "b" / "any.tif", *sea())
@@ -240,7 +240,7 @@ def test_a_band_of_a_product_that_its_file_calls_alpha_is_a_band_of_the_scene(ma
     make.raster(image, *sea()[:3], pixel=3)
     scene = deglint.open_scene(image)
     assert scene.names == ("band 1", "band 2", "band 3")
-    assert sum("has 3 bands, the metadata 4: they are not used" in n for n in scene.notes) == 1
+    assert sum(says(n, "3 bands", "metadata 4", "not used") for n in scene.notes) == 1
 
 
 # ------------------------------------------------------------------------------------------------- commands

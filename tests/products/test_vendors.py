@@ -151,12 +151,12 @@ def test_names_in_metadata_do_not_leave_the_folder(vendor, sea, tmp_path, name):
 def test_damaged_metadata_say_what_to_do(vendor, sea, tmp_path, broken):
     dim = next(vendor.dimap(tmp_path / "d", sea(), tiles=1).rglob("DIM*_MS_*.XML"))
     dim.write_text(broken)
-    with pytest.raises(InputError, match=r"Download it again, or name the image itself"):
+    with pytest.raises(InputError, match=r"Download.*image itself"):
         deglint.open_scene(dim)
     image = next((tmp_path / "d").rglob("IMG*_MS_*.TIF"))
     imd = next(vendor.maxar(tmp_path / "m", sea()).rglob("*M2AS*.IMD"))
     imd.write_text(broken)
-    with pytest.raises(InputError, match=r"is damaged.*name the image itself"):
+    with pytest.raises(InputError, match=r"damaged.*image itself"):
         deglint.open_scene(imd)
     for path, count in ((image, 4), (imd.with_suffix(".TIF"), 8)):
         scene = deglint.open_scene(path)
@@ -167,7 +167,7 @@ def test_several_captures_say_what_to_name(vendor, sea, tmp_path, caplog):
     vendor.micasense(tmp_path, sea())
     for path in sorted(tmp_path.glob("IMG_0192_*.tif")):
         path.with_name(path.name.replace("0192", "0193")).write_bytes(path.read_bytes())
-    with pytest.raises(InputError, match=r"holds 2 captures: IMG_0192, IMG_0193\. Name the files of one: .*IMG_0192_1"):
+    with pytest.raises(InputError, match=r"2 captures.*IMG_0192, IMG_0193.*Name.*IMG_0192_1"):
         deglint.open_scene(tmp_path)
     scene = deglint.open_scene(sorted(tmp_path.glob("IMG_0192_*.tif")))
     assert [b.wavelength for b in scene.bands] == list(MICASENSE.values())
