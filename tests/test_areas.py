@@ -179,6 +179,7 @@ def test_hostile_geojson_is_refused_in_one_line(scene, tmp_path, text):
     (tmp_path / "a.geojson").write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(InputError) as refused:
         area_of(scene, tmp_path / "a.geojson")
+    assert "a.geojson" in str(refused.value)
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) < 600
 

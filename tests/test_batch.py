@@ -196,7 +196,7 @@ def test_two_batches_do_not_work_in_one_directory(deglint, place):
     assert ran.err.startswith("Error: another batch is writing into ")
     assert ran.err.count("\n") == 1
     assert not list((place / "out").iterdir())
-    with claimed(place / "out"), pytest.raises(WriteError), claimed(place / "out"):
+    with claimed(place / "out"), pytest.raises(WriteError, match="another batch"), claimed(place / "out"):
         pass
 
 

@@ -92,10 +92,12 @@ def test_sharpening_gathers_light_and_keeps_it():
 
 
 @pytest.mark.parametrize(
-    "kernel", [np.ones((2, 2)), [[0, -1, 0], [0, 3, 0], [0, 0, 0]], [[np.nan]], [], np.eye(3)[:2], np.ones((3, 3))]
-)
-def test_what_is_no_psf_is_refused(kernel):
-    with pytest.raises(InputError) as error:
+    ("kernel", "said"),
+    [(np.ones((2, 2)), "odd side"), ([[0, -1, 0], [0, 3, 0], [0, 0, 0]], "nowhere negative"), ([[np.nan]], "finite"),
+     ([], "odd side"), (np.eye(3)[:2], "odd side"), (np.ones((3, 3)), "sum to 1")],
+)  # fmt: skip
+def test_what_is_no_psf_is_refused(kernel, said):
+    with pytest.raises(InputError, match=said) as error:
         PSF(np.array(kernel, float))
     assert "\n" not in str(error.value)
 

@@ -96,16 +96,16 @@ def test_what_is_read_beside_the_scene_stays(deglint, scene, monkeypatch, argume
 
 
 @pytest.mark.parametrize(
-    ("one", "two"),
-    [("o.tif", "o.tif"), ("o.tif.json", "o.tif"), ("o.tif.msk", "o.tif"), ("o.tif.aux.xml", "o.tif"),
-     ("src.tif.msk", "o.tif"), ("src.tif.ovr", "o.tif")],
+    ("one", "said"),
+    [("o.tif", "same name"), ("o.tif.json", "same name"), ("o.tif.msk", "a part of"), ("o.tif.aux.xml", "a part of"),
+     ("src.tif.msk", "a part of"), ("src.tif.ovr", "a part of")],
 )  # fmt: skip
-def test_outputs_do_not_collide_nor_become_parts_of_each_other(deglint, scene, monkeypatch, one, two):
+def test_outputs_do_not_collide_nor_become_parts_of_each_other(deglint, scene, monkeypatch, one, said):
     monkeypatch.chdir(scene)
     before = contents(scene)
-    ran = deglint("remove", "src.tif", two, *RUN, "--flags", one)
+    ran = deglint("remove", "src.tif", "o.tif", *RUN, "--flags", one)
     assert ran.code == 1
-    assert "two outputs have the same name" in ran.err or "would be read as a part of" in ran.err
+    assert said in ran.err
     assert contents(scene) == before
 
 
@@ -278,7 +278,7 @@ def test_a_source_that_changes_under_way_is_noticed(deglint, scene, monkeypatch,
     monkeypatch.setattr(correct.Correction, "__call__", and_then)
     ran = deglint("remove", "deep.vrt", "out.tif", *RUN, "-q")
     assert ran.code == 1
-    assert "was changed while it was read" in ran.err or "cannot read" in ran.err
+    assert f"{file} was changed while" in ran.err
     assert not Path("out.tif").exists()
 
 

@@ -52,6 +52,7 @@ def test_a_command_shows_as_much_as_it_is_asked_for(options, shown, hidden, degl
     assert (ran.code, ran.out) == (0, "")
     assert shown in ran.err
     assert hidden not in ran.err
+    assert (ran.err == "") == ("-q" in options)
     assert not any(isinstance(h, Console) for h in logging.getLogger("deglint").handlers)
 
 

@@ -62,6 +62,7 @@ def test_no_pixel_becomes_darker_than_the_water():
     seen[2, 20:30, 20:30] += 50
     seen[:2, 25, 25] -= 30
     out = remove.apply(seen, model)
+    assert len(model.fits) == 2
     for fit in model.fits:
         assert (out[fit.band] >= np.minimum(seen[fit.band], fit.floor) - 1e-4).all()
         assert out[fit.band, 25, 25] == seen[fit.band, 25, 25] < fit.floor

@@ -130,6 +130,7 @@ def test_cells_are_worked_on_together_as_alone(bands):
     block = rng.normal(50, 3, (bands, CELL + 5, 7 * CELL + 9)).astype(np.float32)
     block[0, 3, 2 * CELL + 7] = np.nan
     found = cell_moments(block)
+    assert len(found.keys) == 2 * 8
     for i, (row, column) in enumerate(found.keys.tolist()):
         at = slice(row * CELL, row * CELL + CELL), slice(column * CELL, column * CELL + CELL)
         alone = cell_moments(block[:, *at].copy())

@@ -51,6 +51,7 @@ def test_weights_are_those_of_ridge_regression(noise):
 
     block = linear_glint(noise)
     model = fitted(block)
+    assert len(model.fits) == 4
     for fit in model.fits:
         index = model.indexes[fit.index]
         x = block[list(index.bands)].reshape(len(index.bands), -1)

@@ -116,7 +116,7 @@ def test_reason_for_the_log(write, tmp_path):
     path = write(tmp_path / "a.tif", np.zeros((2, 4, 5), np.uint16), names=["x", "y"])
     (note,) = open_scene(path, nir="y").notes
     assert note.startswith("NIR is band 2 y, as asked for; warning: the wavelength of y is not known")
-    with pytest.raises(BandError):
+    with pytest.raises(BandError, match="no band 'z'"):
         open_scene(path, nir="z")
 
 

@@ -378,7 +378,7 @@ def test_the_library_has_the_same_in_steps(sea, write, read, tmp_path):
     remove_glint(source, tmp_path / "auto.tif")
     np.testing.assert_array_equal(read(tmp_path / "auto.tif"), whole)
     np.testing.assert_array_equal(library.correct(scene, fitted, window=((3, 50), (10, 90))), whole[:, 3:50, 10:90])
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="nir_use"):
         fit_scene(scene, Recipe(method="hedley", nir_use="sideways"))
 
 

@@ -59,9 +59,10 @@ def test_every_format_says_the_same(deglint, tmp_path):
                 layer, _, band = name.partition(" ")
                 wanted = data[layer].sel(band=band) if band else data[layer]
                 np.testing.assert_array_equal(tif.read(k), wanted.values.astype(np.float32))
-        for name, found in document["layers"].items():
-            if name in data:
-                np.testing.assert_allclose(np.array(found["values"]), data[name], rtol=6e-4, atol=1e-29)
+        layers = document["layers"]
+        assert set(layers) - set(data) == {"sky_strength"}
+        for name in set(layers) & set(data):
+            np.testing.assert_allclose(np.array(layers[name]["values"]), data[name], rtol=6e-4, atol=1e-29)
         best = document["best"]
         here = data.sel(zenith=best["zenith"], azimuth=best["azimuth"])
         assert float(here["combined"]) == pytest.approx(best["contrast"], rel=1e-5)

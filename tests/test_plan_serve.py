@@ -53,9 +53,9 @@ def test_the_page_loads_nothing_from_anywhere(port):
     assert "default-src 'none'" in policy
     assert "http" not in policy
     text = body.decode()
-    assert "://" not in text.replace("data:image", "")
+    assert "://" not in text
     assert "{{" not in text
-    assert "src=" not in text.replace("picture.src = ", "")
+    assert "src=" not in text
 
 
 @pytest.mark.parametrize("host", HOSTS)

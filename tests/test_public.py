@@ -27,7 +27,7 @@ def test_checkers_are_shown_the_names_that_are_loaded(package):
     assert isinstance(package.__version__, str)
     assert Path(package.__file__).with_name("py.typed").exists()
     for name, home in shown.items():
-        assert getattr(package, name) is not None, name
+        assert hasattr(package, name), name
         assert hasattr(importlib.import_module(f"{package.__name__}.{home}"), name)
 
 

@@ -121,6 +121,7 @@ def test_page_is_whole_and_fetches_nothing(files, rxdetect):
         parsed = Page(report.read_text(encoding="utf-8"))
         assert parsed.faults == []
         assert parsed.open == []
+        assert parsed.links
         assert all(link.startswith("data:image/") for link in parsed.links)
         text = " ".join(parsed.text)
         for word in ("ROC report", "first", "Operating points", "3-D ROC", "How to read", "numpy", "rxdetect roc"):

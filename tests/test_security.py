@@ -164,7 +164,7 @@ def test_names_in_lists_cannot_leave_the_directory(tmp_path, name):
         checked_name(name, "list")
     item = {"type": "Feature", "id": name, "assets": {"data": {"href": "a.tif"}}}
     (tmp_path / "s.json").write_text(json.dumps(item))
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="no file name can be made"):
         list_scenes([str(tmp_path / "s.json")])
 
 

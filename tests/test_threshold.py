@@ -107,8 +107,8 @@ def test_tails_merge_to_the_same_bits_in_any_order(keep, cuts, random):
     np.testing.assert_array_equal(merged.values, whole.values)
     np.testing.assert_array_equal(whole.values, np.sort(scores[np.isfinite(scores)])[::-1][:keep])
     for value in (0.0, 20.0, 38.5, 50.0):
-        assert whole.above(value) in (None, int((scores > value).sum()))
-    assert whole.above(float(whole.values[-1])) is not None
+        assert whole.above(value) == (int((scores > value).sum()) if value >= whole.values[-1] else None)
+    assert whole.above(float(whole.values[-1])) == (scores > whole.values[-1]).sum()
 
 
 def test_thresholds_from_tiles_are_those_of_the_whole():

@@ -338,7 +338,7 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["-b", "nonsense"], 1, "nonsense"),
         (["--pfa", "2"], 2, "0<x<1"),
         (["--pfa", "5%"], 2, "'5%' is not a valid share between 0 and 1, such as 1e-4."),
-        (["--pfa", "1e-6", "--threshold", "empirical"], 1, ""),
+        (["--pfa", "1e-6", "--threshold", "empirical"], 1, "less than one. Give 2.3e-05"),
         (["--background", "missing.geojson"], 1, "no such file"),
         (["--background", "5000,5000,5,5"], 1, "lies off the scene"),
         (["--background", "0,0,5,5"], 1, "0 valid pixels"),

@@ -341,6 +341,7 @@ def test_sentinel2_offsets_are_those_that_viewing_angles_say():
         place = height * np.tan(zenith) * np.cos(azimuth - heading)
         along[int(node.get("detectorId")), int(node.get("bandId"))] = place
     table = [b.time_offset for b in sensors.load("sentinel2").bands]
+    assert along
     for detector in {d for d, _ in along}:
         sign = 1 if detector % 2 else -1
         for band, offset in enumerate(table):
