@@ -327,19 +327,20 @@ def test_an_interruption_leaves_everything_as_it_was(sea, write, tmp_path, how):
 def test_an_interruption_while_threads_read(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea(300, 300))
     code = """
-        import sys, time
+        import sys
         from deglint.raster import RasterSource
         read = RasterSource.read_raw
         def slowly(self, window):
             print("reading", flush=True)
-            time.sleep(1.5)
+            sys.stdin.read()  # until it is closed
             return read(self, window)
         RasterSource.read_raw = slowly
         from deglint.cli import run
         sys.exit(run(sys.argv[1:]))
     """
     call = [sys.executable, "-c", textwrap.dedent(code), "remove", source, str(tmp_path / "out.tif"), *RUN]
-    with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(call, **pipes, text=True) as running:
         assert running.stdout.readline() == "reading\n"
         running.send_signal(signal.SIGINT)
         _, said = running.communicate(timeout=20)

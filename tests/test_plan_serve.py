@@ -232,5 +232,7 @@ def test_a_client_that_leaves_is_no_fault(port, capfd):
             client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset, not closed
             client.sendall(sent)
     get(port, "/plan")
-    time.sleep(0.3)
+    for thread in threading.enumerate():
+        if "process_request" in thread.name:
+            thread.join(20)
     assert capfd.readouterr().err == ""
