@@ -68,7 +68,7 @@ def test_distances_and_areas_are_those_of_brute_force():
         assert found.auc == pytest.approx(np.mean(pairs), rel=1e-12)
 
 
-def test_numbers():
+def test_numbers_over_seeds_have_their_interval():
     number = over_seeds([1.0, 2.0, 3.0], "%")
     half = 4.302652729911275 / math.sqrt(3)  # t of 2 degrees of freedom, from tables
     assert (number.value, number.low, number.high) == (2, 0, pytest.approx(2 + half))  # no error is below 0

@@ -39,7 +39,7 @@ def rows(text):
 
 @pytest.mark.slow
 @beside("simulated")
-def test_error():
+def test_errors_are_those_recorded():
     text = printed("benchmarks", "error", "--quick")
     published = rows(text)["recorded: hedley ols"]
     assert re.search(r"\| hedley ols +\| polygon +\| " + r" +\| ".join(published[1:]), text)

@@ -129,7 +129,7 @@ def test_scores_are_the_same(cluster, scene, tmp_path, recipe):
     assert said(tmp_path / "threads") == said(tmp_path / "workers")
 
 
-def test_fit_alone(cluster, scene):
+def test_a_fit_alone_is_that_of_threads(cluster, scene):
     recipe = RECIPES["robust"]
     opened = open_scene(scene)
     assert fit_scene(opened, recipe, run=cluster.run).model == fit_scene(opened, recipe).model

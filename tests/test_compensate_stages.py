@@ -220,7 +220,7 @@ def test_water_without_glint_stays_within_its_noise(text):
 
 
 @pytest.mark.parametrize("text", CHAINS)
-def test_units_scale(text):
+def test_units_do_not_matter(text):
     block = sparkling_block(seed=5)
     bands = tuple(Band(b.name, b.wavelength, time_offset=b.time_offset, saturation=1024 * 400.0) for b in BANDS)
     scaled = run(text, block * np.float32(1024), Setting(bands, (3,), PSFS))
@@ -251,7 +251,7 @@ def test_what_is_no_water_changes_nothing_far_from_it(text):
 
 
 @pytest.mark.parametrize("text", CHAINS[1:])
-def test_glint_goes(text):
+def test_every_chain_reduces_glint(text):
     block = sparkling_block(seed=8)
     before, after = (np.abs(a - WATER[:, None, None]).mean() for a in (block, run(text, block)))
     assert after < 0.6 * before

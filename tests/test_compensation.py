@@ -158,7 +158,7 @@ def test_what_is_not_valid_stays_as_it_is(made, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["uint8", "float64"])
-def test_other_types(made, tmp_path, dtype):
+def test_scenes_of_other_types_are_compensated(made, tmp_path, dtype):
     path, truth = made()
     scene = open_scene(path)
     values = scene.read()

@@ -110,7 +110,7 @@ def test_scaling_and_shifting(factor):
     np.testing.assert_allclose(remove.apply(block + 1e6, fitted(block + 1e6)) - 1e6, plain, atol=1e-5)
 
 
-def test_band_permutation():
+def test_order_of_bands_does_not_matter():
     block, turn = linear_glint(), [3, 5, 0, 4, 1, 2]
     turned = fitted(block[turn], [BANDS[b] for b in turn], turn.index(NIR), correct=[turn.index(b) for b in range(4)])
     found = remove.apply(block[turn], turned)

@@ -120,7 +120,7 @@ def test_reason_for_the_log(write, tmp_path):
         open_scene(path, nir="z")
 
 
-def test_roles():
+def test_roles_follow_wavelengths_or_names():
     roles = band_roles(bands_at(441.5, 490, 531, 565, 610, 665, 705, 865, 1375, 2200))
     assert roles == {"blue": 1, "green": 3, "red": 5, "nir": 7, "swir": 9}
     named = band_roles(scene_of(Band("a"), Band("Green")))

@@ -188,7 +188,7 @@ def test_place_from_a_raster_and_from_geojson(deglint, tmp_path, write, sea, geo
     assert deglint("plan", "--place", scene, "--lat", "3", *options).code == 2
 
 
-def test_a_sweep(deglint, tmp_path):
+def test_a_sweep_has_a_line_for_each_time(deglint, tmp_path):
     span = ("--from", "2026-06-21T11:00Z", "--to", "2026-06-21T20:00Z", "--every", "3h")
     outs = (tmp_path / "day.png", tmp_path / "day.json")
     ran = deglint("plan", *PLACE[:4], *WIND, *span, "-o", outs[0], "-o", outs[1])

@@ -149,7 +149,7 @@ def test_a_width_of_no_known_unit_has_that_which_its_size_suggests(tmp_path, wid
     assert (band.wavelength, band.width) == (490, expected)
 
 
-def test_units():
+def test_wavelengths_are_converted_from_units_or_by_size():
     assert nanometres(20000, "Wavenumber") is None
     assert nanometres(30) == 30000
     assert nanometres(31) == 31
@@ -237,7 +237,7 @@ def test_sensor_from_a_tag_is_used_where_it_fits(tmp_path):
     assert any("which is not used" in n for n in other.notes)
 
 
-def test_unknown_sensor(tmp_path):
+def test_an_unknown_sensor_is_refused(tmp_path):
     with pytest.raises(InputError, match="no sensor preset 'hubble'"):
         open_scene(write(tmp_path / "a.tif", zeros(1)), sensor="hubble")
 
@@ -547,7 +547,7 @@ def test_other_crs_is_warped_and_other_places_are_refused(tmp_path):
         open_scene([fine, nowhere])
 
 
-def test_rotated_grid(tmp_path):
+def test_files_on_one_rotated_grid_are_not_resampled(tmp_path):
     turned = Affine(math.cos(0.5), -math.sin(0.5), 5e5, math.sin(0.5), math.cos(0.5), 1e6)
     paths = [write(tmp_path / f"{i}.tif", zeros(1) + np.uint16(i), **UTM, transform=turned) for i in (1, 2)]
     scene = open_scene(paths)

@@ -90,7 +90,7 @@ def test_zero_glint_is_identity(name):
 
 
 @pytest.mark.parametrize(("name", "regression"), COMBINATIONS)
-def test_band_permutation(name, regression):
+def test_order_of_bands_does_not_matter(name, regression):
     block, _ = scene(noise=1.0)
     order = np.random.default_rng(3).permutation(8)
     model = fitted(name, block, regression)
@@ -106,7 +106,7 @@ def test_band_permutation(name, regression):
 
 
 @pytest.mark.parametrize(("name", "regression"), COMBINATIONS)
-def test_scaling(name, regression):
+def test_units_do_not_matter(name, regression):
     block, _ = scene(noise=1.0)
     out = remove.apply(block, fitted(name, block, regression, rrs_factor=1.0))
     for scale in (1e-6, 0.37, 1e6):

@@ -334,7 +334,7 @@ def test_one_detector_given_twice_is_refused(files, rxdetect):
     assert "given twice" in ran.err
 
 
-def test_usage(rxdetect, files):
+def test_missing_and_wrong_arguments_have_exit_code_2(rxdetect, files):
     assert rxdetect("roc").code == 2
     assert rxdetect("roc", files / "first.tif", files / "truth.tif", "--pfa-max", 0).code == 2
     ran = rxdetect("roc", "--help")

@@ -161,7 +161,7 @@ def test_damaged_numbers_are_refused():
             Background.from_json(json.dumps(numbers | {name: value}))
 
 
-def test_refusals():
+def test_a_background_that_cannot_be_fitted_is_refused():
     image = image_of(4)
     with pytest.raises(FitError, match="0 valid pixels"):
         fit(np.full((2, 4, 4), np.nan))

@@ -26,7 +26,7 @@ def longdouble_rx(image):
 
 @beside("hyperspectral")
 @pytest.mark.parametrize("name", ABU)
-def test_recorded_figures(name):
+def test_the_recorded_areas_are_reproduced(name):
     from scipy.io import loadmat
     from sklearn.metrics import roc_auc_score
 
@@ -232,7 +232,7 @@ def _regressed(bands, nir):
     return (bands * centred).sum(axis=(1, 2)) / (centred**2).sum(), centred
 
 
-def test_refusals():
+def test_wrong_bands_methods_and_threads_are_refused():
     with pytest.raises(FitError, match="no band of the background varies"):
         rx(np.ones((3, 4, 4)))
     with pytest.raises(InputError, match="not one of rx, utd"):

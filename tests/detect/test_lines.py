@@ -48,7 +48,7 @@ def test_a_new_background_is_learnt():
     assert np.median(scores[190:]) < 10
 
 
-def test_refusals():
+def test_wrong_lines_and_numbers_are_refused():
     scorer = LineScorer()
     scorer.score(np.zeros((3, 5)))
     with pytest.raises(InputError, match="always of the same bands"):

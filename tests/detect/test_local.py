@@ -71,7 +71,7 @@ def ring_of(r, c, rows, columns, inner, outer, border):
     ("name", "outer", "inner", "published"),
     [("abu-airport-2", 19, 15, "0.98207"), ("abu-urban-1", 11, 5, "0.99691"), ("abu-beach-1", 17, 13, "0.99936")],
 )
-def test_published_figures(name, outer, inner, published):
+def test_the_published_areas_are_reproduced(name, outer, inner, published):
     """Mirrored border, covariance divided by the pixels, pseudo-inverse: rings have fewer pixels than bands."""
     from scipy.io import loadmat
     from sklearn.metrics import roc_auc_score
@@ -264,7 +264,7 @@ def test_units_do_not_matter(factor):
     np.testing.assert_allclose(local_rx(scaled, inner=3, outer=9), local_rx(image, inner=3, outer=9), rtol=1e-7)
 
 
-def test_types():
+def test_scores_of_other_types_are_those_of_float64():
     image = (image_of(3) * 100).astype(np.int16)
     as_float = local_rx(image.astype(np.float64), inner=3, outer=9)
     assert as_float.dtype == np.float64
@@ -275,12 +275,12 @@ def test_types():
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1)])
-def test_tiny_images(shape):
+def test_an_image_of_one_row_column_or_pixel_is_scored(shape):
     image = np.random.default_rng(0).normal(size=(2, *shape))
     check(local_rx(image, inner=1, outer=9), image, 1, 9)
 
 
-def test_refusals():
+def test_wrong_windows_borders_and_numbers_are_refused():
     image = image_of()
     for inner, outer in ((2, 5), (3, 6), (5, 5), (7, 5), (-1, 3)):
         with pytest.raises(InputError, match="want odd sides"):

@@ -92,7 +92,7 @@ def test_where_motions_line_up_by_chance_none_is_told():
     assert not find_moving(image, [0, 0.2, 0.4], pixel=1.2)
 
 
-def test_refusals():
+def test_too_few_delays_and_pixels_of_no_size_are_refused():
     image = np.zeros((3, 10, 10))
     with pytest.raises(InputError, match="three bands"):
         find_moving(image, [0, 0, 1], pixel=1)

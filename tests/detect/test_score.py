@@ -104,7 +104,7 @@ def test_threshold_and_objects(rxdetect, scene, tmp_path, law):
     assert first["area_m2"] == pytest.approx(100 * first["pixels"], rel=0.01)
 
 
-def test_p_values(rxdetect, scene, tmp_path):
+def test_p_values_are_those_of_the_law_of_the_scores(rxdetect, scene, tmp_path):
     out, p = tmp_path / "out.tif", tmp_path / "p.tif"
     assert rxdetect("score", scene, out, "--p-value", p).code == 0
     expected = threshold.p_value(read_raster(out)[0], 4, 200 * 230 - 100)
@@ -420,7 +420,7 @@ def test_auto_takes_rx_for_fewer_pixels_than_the_statistics_of_water_need(rxdete
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2)])
 @pytest.mark.parametrize("method", ["rx", "local"])
-def test_tiny_scenes(tmp_path, sea, write, size, method, rxdetect):
+def test_tiny_scenes_are_scored_or_refused(tmp_path, sea, write, size, method, rxdetect):
     scene = write(tmp_path / "scene.tif", sea(*size))
     options = ("--window", "1,3") if method == "local" else ()
     ran = rxdetect("score", scene, tmp_path / "out.tif", "--method", method, *options)
@@ -428,7 +428,7 @@ def test_tiny_scenes(tmp_path, sea, write, size, method, rxdetect):
     assert "fault" not in ran.err
 
 
-def test_from_python(scene, tmp_path):
+def test_python_gives_the_result_of_the_file(scene, tmp_path):
     result = score_file(scene, tmp_path / "out.tif", Recipe(method="rx", bands=("1", "2")), threads=2)
     assert (result.background.names, result.threshold, result.objects) == (("blue", "green"), None, None)
     assert result.counts.scored == 200 * 230 - 100

@@ -299,7 +299,7 @@ def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, met
         (("--largest-object", "60,400"), "width <= length < infinity"),
     ],
 )
-def test_refusals(rxdetect, scene, tmp_path, monkeypatch, options, message):
+def test_options_that_the_sea_does_not_take_are_refused(rxdetect, scene, tmp_path, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
     ran = rxdetect("score", scene, "out.tif", *options)
     assert (ran.code, message in ran.err) == (1, True), ran.err

@@ -150,7 +150,7 @@ def test_against_another_clear_sky():
 
 
 @pytest.mark.shared
-def test_ecolight():
+def test_irradiance_is_that_of_ecolight():
     runs = table("ecolight6_userdata_iop_rrs_sza30.csv")
     for row in runs[runs["run"] == runs["run"][0]]:
         band = np.linspace(row["wl_nm"] - 5, row["wl_nm"] + 5, 21)
@@ -225,7 +225,7 @@ def test_broadcasts_and_keeps_nan():
     assert np.isnan(found.direct).tolist() == [[False, False, True], [True, True, True]]
 
 
-def test_ozone_climatology():
+def test_ozone_is_that_of_the_climatology():
     # the example of ozone_.m of the Moss Landing Marine Laboratories
     assert atmosphere.ozone(36, -122, 185) == pytest.approx(321.2, abs=0.05)
     assert atmosphere.ozone(0, 10, 100) == pytest.approx(235)

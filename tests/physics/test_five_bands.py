@@ -92,6 +92,6 @@ def test_sunward_there_is_hardly_any_glint():
     assert max(glints) < 1.1e-4
 
 
-def test_probability_aside():
+def test_aside_glint_is_as_improbable_as_published():
     found = glint.sun_glint(*SUN, *LOOKS["aside"], wind=9.0, wind_from=0.0).probability
     assert found == pytest.approx(4.5e-6, abs=0.6e-7)

@@ -52,7 +52,7 @@ def test_three_forms_agree(angle, index):
 
 
 @given(INDICES)
-def test_limits(index):
+def test_normal_grazing_and_brewster_angles_have_their_closed_forms(index):
     assert fresnel.reflectance(0, index) == pytest.approx(((index - 1) / (index + 1)) ** 2, rel=1e-12)
     assert fresnel.reflectance(90, index) == pytest.approx(1, abs=1e-12)
     brewster = np.degrees(np.arctan(index))
@@ -65,7 +65,7 @@ def test_grows_with_the_angle():
 
 
 @given(ANGLES, INDICES)
-def test_snell(angle, index):
+def test_refraction_follows_snell(angle, index):
     inside = np.radians(fresnel.refraction_angle(angle, index))
     assert index * np.sin(inside) == pytest.approx(np.sin(np.radians(angle)), rel=1e-12)
 

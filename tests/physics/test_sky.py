@@ -24,7 +24,7 @@ def test_lights_a_level_plane_with_what_was_asked_for(model, sun_zenith):
     assert over_the_sky(model, sun_zenith) == pytest.approx(1, abs=1e-4)
 
 
-def test_cardioidal_contrast():
+def test_the_cardioidal_sky_is_three_times_as_bright_at_the_zenith():
     zenith = np.array([0.0, 60.0, 90.0])
     light = sky.radiance(zenith, 0, model="cardioidal")
     assert light[0] / light[2] == pytest.approx(3)

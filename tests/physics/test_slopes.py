@@ -43,7 +43,7 @@ def test_bare_series_has_the_skewness_and_peakedness(wind):
 
 
 @pytest.mark.parametrize(("wind", "expected"), [(2, 26.84), (5, 12.51), (9, 7.348), (14, 4.854)])
-def test_flat_facets(wind, expected):
+def test_flat_facets_have_the_published_density(wind, expected):
     assert float(f"{slopes.density(0, 0, wind, clip=False):.4g}") == expected
 
 
@@ -60,7 +60,7 @@ def test_negative_mass_of_the_series():
     assert mass[2] == pytest.approx(-4.0e-4, abs=1e-5)
 
 
-def test_variances():
+def test_variances_grow_with_wind_as_published():
     assert np.sum(slopes.variances(9.0)) == pytest.approx(0.003 + 0.00508 * 9)
     assert slopes.variances(9.0, model="breon-henriot") == pytest.approx((0.02944, 0.01965))
     assert np.sum(slopes.variances(9.0, model="cox-munk-isotropic")) == pytest.approx(0.003 + 0.00512 * 9)

@@ -80,7 +80,7 @@ def test_elfouhaily_slope_variance(wind, variance):
 
 
 @pytest.mark.parametrize(("wind", "height"), [(5, 0.650), (9, 2.131), (10, 2.633), (14, 5.162)])
-def test_elfouhaily_height(wind, height):
+def test_elfouhaily_waves_have_the_published_height(wind, height):
     assert 4 * np.sqrt(height_variance(Sea(wind=wind))) == pytest.approx(height, abs=1e-3)
 
 
