@@ -105,7 +105,7 @@ def test_what_is_no_psf_is_refused(kernel, said):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"f_number": -1}, "f_number must be 0.7 to 200"),
+        ({"f_number": -1}, r"f_number .*0.7 to 200"),
         ({"wavelength": 5.0}, "100 to 20000 nm"),
         ({"wavelength": [500.0]}, "wavelength must be"),
     ],

@@ -89,17 +89,17 @@ def test_without_xarray_netcdf_names_the_extra(deglint, tmp_path, monkeypatch):
     ("arguments", "code", "said"),
     [
         (("--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T08:00Z"), 1, "It rises at 2026-06-21T12:51Z"),
-        ((*PLACE, "--wind", "30@0"), 1, "wind must be 0.1 to 19.6 m/s, got 30"),
+        ((*PLACE, "--wind", "30@0"), 1, "wind ... 0.1 to 19.6 m/s ... 30"),
         ((*PLACE, "--wind", "fast"), 2, "'fast' is not like 7@310"),
-        ((*PLACE, "--depth", "-2"), 1, "depth must be 0 to 1000 m, got -2. Give metres below the surface"),
+        ((*PLACE, "--depth", "-2"), 1, "depth ... 0 to 1000 m ... -2. Give metres below the surface"),
         ((*PLACE, "--sensor", "hubble"), 2, "'hubble' is not one of 'thesis', 'thesis-f30', 'worldview3'"),
         ((*PLACE, "--show", "purple"), 1, "no band 'purple' in thesis; it has COASTAL"),
         ((*PLACE, "--band", "BLUE,PURPLE"), 1, "no band 'PURPLE'"),
         ((*PLACE, "--pressure", "30 inches"), 1, "pressure must be like 1013 hPa"),
         ((), 1, "where the sun stands is not known: give latitude and longitude"),
         (("--lat", "36.8"), 1, "give latitude and longitude"),
-        (("--lat", "136", "--lon", "0"), 1, "latitude must be -90 to 90 degrees, got 136"),
-        (("--lat", "0", "--lon", "0", "--time", "noon"), 1, "time must be like 2026-06-21T18:00Z, got 'noon'"),
+        (("--lat", "136", "--lon", "0"), 1, "latitude ... -90 to 90 degrees ... 136"),
+        (("--lat", "0", "--lon", "0", "--time", "noon"), 1, "time ... like 2026-06-21T18:00Z ... 'noon'"),
         ((*PLACE, "--sun", "20@30"), 2, "give --sun, or place and time, not both"),
         (("--sun", "20@30", "--lon", "5"), 2, "give --sun, or place and time, not both"),
         (("--sun", "20@30", "--pitch", "10"), 2, "--pitch is for --fov: leave it out, or give --fov"),
@@ -120,7 +120,7 @@ def test_without_xarray_netcdf_names_the_extra(deglint, tmp_path, monkeypatch):
 def test_refusals_are_one_line_with_the_remedy(deglint, arguments, code, said):
     ran = deglint("plan", *arguments)
     assert ran.code == code
-    assert said in ran.err
+    assert says(ran.err, *said.split(" ... "))
     assert ran.out == ""
     assert len([line for line in ran.err.splitlines() if line.startswith("Error")]) == 1
 

@@ -15,7 +15,7 @@ from deglint import Recipe
 from deglint.compensate import Chain
 from deglint.pipeline import Fitted
 
-from .common import ROOT
+from .common import ROOT, says
 
 
 @pytest.mark.parametrize("package", [deglint, detect])
@@ -81,51 +81,48 @@ FITTED = Fitted(deglint.GlintModel("hedley", (), (), ()), Recipe())
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda _: Recipe(metod="hedley"), "Recipe: there is no argument 'metod'; did you mean 'method'?"),
-        (lambda _: Recipe(method="hedly"), "kutser, nir-subtraction; did you mean 'hedley'?"),
-        (lambda _: Recipe(nir=ARRAY), "by number (from 1), or a list of them, got an array of shape (4, 20, 20)"),
-        (lambda _: Recipe(nir=True), "by number (from 1), or a list of them, got True"),
-        (lambda _: Recipe(mask=ARRAY), "mask: want a file name, got an array of shape (4, 20, 20)"),
-        (lambda _: Recipe(floor_percentile="5"), "want a number from 0 to 100, got '5'"),
-        (lambda _: Recipe(method="joyce", floor_percentile=5), "--floor-percentile is for method hedley or multiband,"),
-        (lambda _: Recipe(regression="ols"), "--regression is for method hedley or lyzenga or joyce, not auto"),
-        (lambda _: Recipe(method="hedley", rrs_factor=1.0), "--rrs-factor is for method goodman, not hedley: leave it"),
-        (lambda _: Recipe(compensate=None), "want a text, got None. Give 'auto'"),
+        (lambda _: Recipe(metod="hedley"), "Recipe: ... 'metod' ... mean 'method'?"),
+        (lambda _: Recipe(method="hedly"), "kutser, nir-subtraction ... mean 'hedley'?"),
+        (lambda _: Recipe(nir=ARRAY), "by number (from 1), or a list of them ... an array of shape (4, 20, 20)"),
+        (lambda _: Recipe(nir=True), "by number (from 1), or a list of them ... True"),
+        (lambda _: Recipe(mask=ARRAY), "mask: want a file name ... an array of shape (4, 20, 20)"),
+        (lambda _: Recipe(floor_percentile="5"), "want a number from 0 to 100 ... '5'"),
+        (lambda _: Recipe(compensate=None), "want a text ... None. Give 'auto'"),
         (lambda s: deglint.fit_scene(s, Recipe(nir="NIR1")), "no band 'NIR1' in"),
         (lambda s: deglint.fit_scene(s, Recipe(nir=8)), "numbers 1-4: 1 blue (485 nm)"),
         (lambda s: deglint.fit_scene(s.path), "Open it with deglint.open_scene"),
         (lambda s: deglint.fit_scene(s, "hedley"), "Make one: deglint.Recipe(method='hedley')"),
         (lambda s: deglint.examine(s.path), "Open it with deglint.open_scene"),
         (lambda s: deglint.find_nir(s.path), "Open it with deglint.open_scene"),
-        (lambda s: deglint.correct(s, Recipe()), "fitted: want a Fitted, got a Recipe. Make it with"),
+        (lambda s: deglint.correct(s, Recipe()), "fitted: want a Fitted ... a Recipe. Make it with"),
         (lambda s: deglint.open_scene(s.path, senosr="x"), "did you mean 'sensor'?"),
         (lambda s: deglint.open_scene(ARRAY), "Arrays go to deglint.fit and deglint.apply"),
-        (lambda s: deglint.open_scene(s.path, nodata="x"), "want a number from -inf to inf, got 'x'"),
+        (lambda s: deglint.open_scene(s.path, nodata="x"), "want a number from -inf to inf ... 'x'"),
         (lambda s: deglint.open_scene(s.path, nodata=10**5000), "got an integer beyond double precision"),
         (lambda s: deglint.remove_glint(s.path, "x.tif", flag="f.tif"), "did you mean 'flags'?"),
-        (lambda s: deglint.remove_glint(s.path, ARRAY), "image: want a file name, got an array"),
-        (lambda s: deglint.remove_glint(s.path, "x.tif", threads=0), "threads: want a number from 1 to 1024, got 0"),
+        (lambda s: deglint.remove_glint(s.path, ARRAY), "image: want a file name ... an array"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", threads=0), "threads: ... 1 to 1024 ... 0"),
         (lambda s: deglint.remove_glint(s.path, "x.tif", dtype="unit16"), "did you mean 'uint16'?"),
         (lambda s: deglint.remove_glint(s.path, "x.tif", model="m.json"), "deglint.pipeline.load_model"),
-        (lambda s: deglint.remove_glint(s.path, "x.tif", chain="thesis"), "chain: want a Chain, got 'thesis'. Read"),
-        (lambda s: deglint.remove_glint(s.path, "x.tif", chain=Chain()), "model: want a GlintModel, got None. A chain"),
-        (lambda s: deglint.fit_scene(s, threads=-1), "threads: want a number from 1 to 1024, got -1"),
-        (lambda s: deglint.examine(s, threads="2"), "threads: want a number from 1 to 1024, got '2'"),
-        (lambda s: deglint.examine(s, threads=0), "threads: want a number from 1 to 1024, got 0"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", chain="thesis"), "chain: want a Chain ... 'thesis'. Read"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", chain=Chain()), "model: want a GlintModel ... None. A chain"),
+        (lambda s: deglint.fit_scene(s, threads=-1), "threads: ... 1 to 1024 ... -1"),
+        (lambda s: deglint.examine(s, threads="2"), "threads: ... 1 to 1024 ... '2'"),
+        (lambda s: deglint.examine(s, threads=0), "threads: ... 1 to 1024 ... 0"),
         (lambda s: s.read(bands=[1.7]), "no band 1.7 in"),
         (lambda s: deglint.correct(s, FITTED, window=((0.0, 5), (0, 5))), "window: want ((row0, row1), (column0"),
-        (lambda _: deglint.fit("hedley", ARRAY, nir="NIR"), "want 0-based numbers of bands of the array, got 'NIR'"),
+        (lambda _: deglint.fit("hedley", ARRAY, nir="NIR"), "want 0-based numbers of bands of the array ... 'NIR'"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=4), "not among the 4 bands (counted from 0)"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=3, correct=[7]), "correct: band(s) [7] are not among the 4 bands"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=3, correct=[-1]), "correct: band(s) [-1] are not among the 4"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=3, correct=["blue"]), "correct: want 0-based numbers of bands"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=3, bands=[deglint.Band("a")] * 5), "each of the 4 bands"),
-        (lambda _: deglint.fit("wiener", ARRAY[:, :0], nir=3), "array with pixels, got shape (4, 0,"),
+        (lambda _: deglint.fit("wiener", ARRAY[:, :0], nir=3), "array with pixels ... shape (4, 0,"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=1, regresion="ols"), "did you mean 'regression'?"),
         (lambda s: deglint.apply(s.path, None), "block: want a ndarray, got"),
-        (lambda _: deglint.apply(ARRAY, "m.json"), "model: want a GlintModel, got 'm.json'"),
-        (lambda _: detect.rx(ARRAY, maks=None), "rx: there is no argument 'maks'; did you mean 'mask'?"),
-        (lambda _: detect.local_rx(ARRAY, iner=3, outer=9), "no argument 'iner'; did you mean 'inner'?"),
+        (lambda _: deglint.apply(ARRAY, "m.json"), "model: want a GlintModel ... 'm.json'"),
+        (lambda _: detect.rx(ARRAY, maks=None), "rx: ... 'maks' ... mean 'mask'?"),
+        (lambda _: detect.local_rx(ARRAY, iner=3, outer=9), "no argument 'iner' ... mean 'inner'?"),
         (lambda _: detect.Recipe(metod="rx"), "did you mean 'method'?"),
         (lambda s: detect.score_file(s.path, "x.tif", obects="o"), "did you mean 'objects'?"),
     ],
@@ -135,6 +132,6 @@ def test_a_wrong_value_is_named_in_one_line(call, said, sea, write, tmp_path, mo
     scene = deglint.open_scene(write(tmp_path / "in.tif", sea()))
     with pytest.raises((deglint.DeglintError, TypeError)) as raised:
         call(scene)
-    assert said in str(raised.value)
+    assert says(str(raised.value), *said.split(" ... "))
     assert "\n" not in str(raised.value)
     assert not (tmp_path / "x.tif").exists()

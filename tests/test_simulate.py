@@ -20,6 +20,8 @@ from deglint.simulate.scene import Light
 from deglint.simulate.setup import SlopeModel, experiments
 from deglint.simulate.underwater import label
 
+from .common import says
+
 THESIS = preset("thesis")
 STILL = THESIS.delayed(0.0)
 SMALL = Setup(sensor=STILL, size=(96, 64), wind=3.0, sun_zenith=20.0, seed=3)
@@ -343,35 +345,35 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
     ("change", "words"),
     [
         ({"wind": 30.0}, "wind must be"),
-        ({"wind": float("nan")}, "wind must be a finite number, got nan"),
-        ({"wind": 19.7, "sensor": preset("sentinel2")}, "wind must be 1 to 19.6 m/s, got 19.7"),
+        ({"wind": float("nan")}, "wind ... finite number ... nan"),
+        ({"wind": 19.7, "sensor": preset("sentinel2")}, "wind ... 1 to 19.6 m/s ... 19.7"),
         ({"seed": -1}, "seed must be 0 to"),
-        ({"seed": 0.5}, "seed must be an integer, got 0.5"),
-        ({"size": (64.5, 64)}, "size must be an integer, got 64.5"),
-        ({"size": (64,)}, "size must be 2 numbers, got (64,)"),
-        ({"size": 64}, "size must be 2 numbers, got 64"),
-        ({"glint_threshold": float("nan")}, "glint_threshold must be a finite number"),
+        ({"seed": 0.5}, "seed ... integer ... 0.5"),
+        ({"size": (64.5, 64)}, "size ... integer ... 64.5"),
+        ({"size": (64,)}, "size ... 2 numbers ... (64,)"),
+        ({"size": 64}, "size ... 2 numbers ... 64"),
+        ({"glint_threshold": float("nan")}, "glint_threshold ... a finite number"),
         ({"glint_threshold": -1.0}, "glint_threshold must be 0 to"),
-        ({"domain": float("inf")}, "domain must be 0 to 1e+07 m, got inf"),
+        ({"domain": float("inf")}, "domain ... 0 to 1e+07 m ... inf"),
         ({"domain": float("nan")}, "domain must be a finite number"),
-        ({"sun_zenith": 85.0}, "sun_zenith must be 0 to 80 degrees, got 85"),
-        ({"view_zenith": 75.0}, "view_zenith must be 0 to 70"),
+        ({"sun_zenith": 85.0}, "sun_zenith ... 0 to 80 degrees ... 85"),
+        ({"view_zenith": 75.0}, "view_zenith ... 0 to 70"),
         ({"sensor": THESIS.delayed(5.0)}, "time offsets of the bands must span at most"),
         (
             {"objects": (square(2.0, 1.0, 4.0, reflectance=0.1),)},
             "object must lie in the scene, 0 to 16 m right",
         ),
-        ({"misregistration": ((0.0, 0.0),)}, "one (down, right) per band (8), got 1"),
+        ({"misregistration": ((0.0, 0.0),)}, "one (down, right) per band (8) ... 1"),
         ({"sky": "overcast"}, "sky must be one of uniform"),
         ({"domain": 2.0}, "grid must span at least one peak wave, 8.169 m"),
-        ({"sensor": preset("micasense"), "wind": 18.0}, "facets must be at most 67108864, got"),
+        ({"sensor": preset("micasense"), "wind": 18.0}, "facets ... at most 67108864, got"),
         ({"sensor": preset("sentinel2")}, "grid step must be at most"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(change, words):
     with pytest.raises(InputError) as caught:
         Facets(replace(SMALL, **({"size": (16, 16)} if change == {"domain": 2.0} else {}), **change))
-    assert words in str(caught.value)
+    assert says(str(caught.value), *words.split(" ... "))
     assert "\n" not in str(caught.value)
 
 

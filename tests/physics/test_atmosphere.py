@@ -238,12 +238,12 @@ def test_ozone_is_that_of_the_climatology():
     ("params", "message"),
     [
         ({"humidity": np.nan}, "humidity must be a finite number"),
-        ({"visibility": [5, 10]}, r"visibility must be a finite number, got \[5, 10\]"),
-        ({"visibility": "15"}, "visibility must be a finite number, got '15'"),
-        ({"humidity": 101}, "humidity must be 0 to 100 %, got 101"),
-        ({"pressure": 29.92}, "pressure must be 500 to 1100 hPa, got 29.92. One inch of mercury"),
-        ({"air_mass_type": 0}, "air_mass_type must be 1 to 10"),
-        ({"visibility": 0}, "visibility must be 1 to 200 km"),
+        ({"visibility": [5, 10]}, r"visibility .*finite number.* \[5, 10\]"),
+        ({"visibility": "15"}, r"visibility .*finite number.* '15'"),
+        ({"humidity": 101}, r"humidity .*0 to 100 %.* 101"),
+        ({"pressure": 29.92}, r"pressure .*500 to 1100 hPa.* 29.92. One inch of mercury"),
+        ({"air_mass_type": 0}, r"air_mass_type .*1 to 10"),
+        ({"visibility": 0}, r"visibility .*1 to 200 km"),
     ],
 )
 def test_refuses_impossible_air(params, message):
