@@ -1,3 +1,5 @@
+"""Sunlight at sea level: against published tables, running codes, and the laws of each gas."""
+
 import numpy as np
 import pytest
 from hypothesis import given

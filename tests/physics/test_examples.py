@@ -1,3 +1,5 @@
+"""Examples in docstrings run."""
+
 import doctest
 import importlib
 import pkgutil

@@ -1,3 +1,5 @@
+"""Reflection and refraction at the surface: against a reference table and closed forms."""
+
 import mpmath
 import numpy as np
 import pytest

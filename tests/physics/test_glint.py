@@ -1,3 +1,5 @@
+"""Sun glint: against a reference table, a sum over facets, and the package coxmunk."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

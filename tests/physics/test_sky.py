@@ -1,3 +1,5 @@
+"""Skylight and its reflection: against published figures and a sum over slopes."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

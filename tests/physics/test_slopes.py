@@ -1,3 +1,5 @@
+"""Slopes of waves: against the published laws, and what every model must hold."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,3 +1,5 @@
+"""The place of the sun: against pvlib and published times."""
+
 import time
 import warnings
 from datetime import UTC, datetime, timedelta, timezone

@@ -1,3 +1,5 @@
+"""Light out of the water: against tables, EcoLight and Monte Carlo."""
+
 import numpy as np
 import pytest
 from hypothesis import given
