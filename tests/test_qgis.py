@@ -36,7 +36,7 @@ def test_parameters_are_options_of_the_command(key):
     for parameter in algorithm.parameters:
         assert parameter.flag in ("", ">") or parameter.flag in options, parameter
         if parameter.choices:
-            assert set(parameter.choices) <= set(options[parameter.flag].type.choices)
+            assert parameter.choices == tuple(options[parameter.flag].type.choices)
 
 
 @pytest.mark.parametrize(
