@@ -23,8 +23,8 @@ class Block:
     valid: Mask | None  # (band, row, column), mask of valid file values; None if all are valid
     wide: FloatArray  # (band, row, column), physical values in `outer`
     water: Mask  # (row, column), pixels of `outer` that may be corrected
-    known: Mask  # (row, column), pixels of the tile that are valid in the index bands (with a chain: in all)
-    where: Mask  # (row, column), pixels of the tile to correct: valid water
+    known: Mask  # (row, column), tile pixels that are valid in the bands of the glint index (with a chain, in all)
+    where: Mask  # (row, column), pixels of the tile to correct: those that are both `water` and `known`
 
     @property
     def own(self) -> FloatArray:
@@ -37,10 +37,10 @@ class Corrected:
     """Values of a tile after the correction, and what changed."""
 
     physical: FloatArray  # (band, row, column), physical values
-    changes: dict[int, Mask] = field(default_factory=dict)  # for each 0-based band that changed: where, (row, column)
+    changes: dict[int, Mask] = field(default_factory=dict)  # mask (row, column) of changed pixels, by 0-based band
     replaced: Mask | None = None  # (band, row, column), pixels that a chain has replaced
     targets: Mask | None = None  # (row, column), protected pixels
-    errors: Float32 | None = None  # (band, row, column), standard errors if wanted
+    errors: Float32 | None = None  # (band, row, column), standard errors, if they were requested
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,5 +51,5 @@ class CorrectedTile:
     counts: PixelCounts
     valid: Mask | None = None  # (row, column), valid pixels; None if the output has no mask
     flags: npt.NDArray[np.uint8] | None = None  # (2, row, column), flags and class of sun glint
-    amount: Float32 | None = None  # (band, row, column), removed glint of `Correction.amount_bands`
-    stderr: Float32 | None = None  # (band, row, column), standard errors of `Correction.changed`
+    amount: Float32 | None = None  # (band, row, column), removed glint of the bands `Correction.amount_bands`
+    stderr: Float32 | None = None  # (band, row, column), standard errors of the bands `Correction.changed`

@@ -39,9 +39,9 @@ from .sample import Training, sample_of
 CHAIN_CELL = tiling.COMPACT
 """Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel
 of the scene, however the scene is stored and read, so that the result is the same to the bit."""
-STRIP = 4 << 20  # most values in a tile of several cells, for files in strips: wide tiles read few strips twice
-ERROR_TILES = 8  # tiles from which noise and errors are estimated: few, as each of them is corrected twice more
-ERROR_TILE_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
+STRIP = 4 << 20  # most values in a tile if the file is stored in strips: wide tiles read few strips twice
+ERROR_TILES = 8  # number of tiles from which noise and errors are estimated; few, as each is corrected several times
+ERROR_TILE_SIDE = 192  # side of these tiles [pixel]; a trial moves the glint by half a tile
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,17 @@ class Correction:
 
     scene: Scene
     model: GlintModel
-    layout: Layout  # of the corrected image
+    layout: Layout  # layout of the corrected image
     chain: Chain = field(default_factory=Chain)
     area: Area | None = None  # pixels that may be corrected, if the user has given a mask
-    water: WaterRule | None = None  # rule that finds these pixels if there is no `area`; None: all pixels
+    water: WaterRule | None = None  # rule that finds these pixels if `area` is None; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
     changed: tuple[int, ...] = ()  # 0-based bands that the removal or the chain may change
     want_amount: bool = False
-    noise: tuple[float, ...] | None = None  # standard deviation of noise of bands `changed`; None without flags
+    noise: tuple[float, ...] | None = None  # standard deviation of noise of bands `changed`, if flags are requested
     want_stderr: bool = False
-    replaced: tuple[ReplacedError, ...] = ()  # one per band: error variances, for a chain with an opening
-    left: Posterior | None = None  # estimates the error of glint that is left, if no stage of the chain does
+    replaced: tuple[ReplacedError, ...] = ()  # error variances of each band, for a chain with an opening
+    left: Posterior | None = None  # stage that estimates the error of the glint that is left, if the chain has none
 
     @property
     def amount_bands(self) -> list[int]:
@@ -69,7 +69,7 @@ class Correction:
 
     @property
     def halo(self) -> int:
-        """Margin around a tile that is read with it [pixel]."""
+        """Margin around a tile that is read together with the tile [pixel]."""
         return self.chain_halo + (self.water.halo if self.water else 0)
 
     @property
@@ -79,7 +79,7 @@ class Correction:
 
     @property
     def by_cells(self) -> bool:
-        """Whether a chain or standard errors are computed, in squares of the scene, one by one (see `CHAIN_CELL`)."""
+        """True if a chain is applied or standard errors are computed: both are done cell by cell (`CHAIN_CELL`)."""
         return self.chain.runs or self.want_stderr
 
     def __call__(self, tile: Tile) -> CorrectedTile:
@@ -110,7 +110,7 @@ class Correction:
         return self._corrected(block).physical, block.where
 
     def _corrected(self, block: Block) -> Corrected:
-        """Correct a tile: subtract the glint that the model predicts, or apply the chain (with its own removal)."""
+        """Correct a tile: subtract the glint that the model predicts, or apply the chain, which has a removal."""
         if not (self.changed and block.where.any()):
             return Corrected(block.own)
         done = Corrected(block.own) if self.chain.runs else self._without_glint(block)
@@ -145,9 +145,11 @@ class Correction:
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
     def _saturated(self, physical: FloatArray) -> Mask:
-        """Mask of saturated pixels, (band, row, column), False for unknown limits; (band, 1, 1) if all are unknown."""
+        """Mask (band, row, column) of saturated pixels; False in bands whose limit of saturation is not known.
+        If no limit is known, its shape is (band, 1, 1).
+        """
         source = raster_of(self.scene)
-        limits = np.array([b.saturation for b in self.scene.bands], np.float64)  # None: NaN, which nothing exceeds
+        limits = np.array([b.saturation for b in self.scene.bands], np.float64)  # None becomes NaN: no value exceeds it
         if np.isnan(limits).all():
             return np.zeros((len(physical), 1, 1), np.bool_)
         # converted from file values as pixels are, so that both are rounded alike
@@ -166,8 +168,8 @@ class Correction:
         return Corrected(physical, changes, targets=targets)
 
     def _after_chain(self, block: Block, done: Corrected) -> Corrected:
-        """The tile `done` after the chain, which is applied cell by cell, with its standard errors if they are wanted.
-        Without stages, only the standard errors are new.
+        """Apply the chain to a tile, cell by cell, and compute standard errors if they are wanted.
+        If the chain has no stages, the values of `done` are kept, and only the standard errors are added.
         """
         removed, shape = {f.band for f in self.model.fits}, block.tile.shape
         physical = done.physical.copy()
@@ -200,7 +202,7 @@ class Correction:
     def _stderr(self, block: Block, done: Corrected) -> Float32:
         """Standard errors of the bands that may change, (band, row, column); NaN where nothing was corrected."""
         out = np.zeros(done.physical.shape, np.float32) if done.errors is None else done.errors
-        if np.dtype(self.layout.dtype).kind in "iu":  # rounded to integers of the file
+        if np.dtype(self.layout.dtype).kind in "iu":  # add the variance of rounding to integers
             steps = np.array(raster_of(self.scene).info.scales, np.float32)
             out = np.sqrt(out**2 + (steps**2 / 12)[:, None, None])
         known = np.isfinite(done.physical) & block.where & bool(done.changes)
@@ -246,7 +248,10 @@ def correction(
     """Make the `Correction` of a scene from the model, the chain and the water rule in `fitted`.
 
     `mask` and `dtype` replace the mask of the recipe and the data type of the scene. Noise and standard errors that the
-    outputs `targets` need are estimated on `threads` threads. Raises the errors of `open_area` and `_with_stderr`.
+    outputs `targets` need are estimated on `threads` threads.
+
+    Raises the errors of `open_area` and, for standard errors, of `_with_stderr`; InputError if the scene lacks a band
+    of the recipe; ReadError if tiles cannot be read.
     """
     wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
@@ -286,7 +291,9 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """The correction `work`, made to compute standard errors, too. Raises InputError or FitError if it cannot do so."""
+    """The correction `work`, set to compute standard errors, too. Raises InputError if no band is corrected,
+    or if the stages of the chain allow no standard errors; FitError if the tiles that are read hold none to correct.
+    """
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     names = [stage.name for stage in work.chain.before]
@@ -311,7 +318,8 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
 
 def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
     """Discs (band, row, column) to add to each block of `after`, a compensated sample. They are as wide as the smallest
-    object that is kept by default, at most `LARGEST_DISC`; or as the smallest that the chain's opening keeps, if wider.
+    object that is kept by default, at most `LARGEST_DISC`. If the opening of the chain removes objects of this width,
+    the discs are as wide as the smallest object that the opening keeps.
     """
     window = next(s.size for s in work.chain.before if isinstance(s, compensate.Background))
     width = max(min(smallest_object(None, pixel_size(work.scene)), LARGEST_DISC), window / OF_OBJECT)
@@ -321,7 +329,7 @@ def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
-    """The correction `work` with `noise` set to that of corrected pixels, including noise by rounding to integers."""
+    """The correction `work` with its field `noise`: noise of corrected pixels and of rounding to integers."""
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.values, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
     own = []

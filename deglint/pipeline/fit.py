@@ -37,13 +37,13 @@ class Fitted:
     notes : tuple of str
         The decisions, as lines for the log.
     sampled : dict or None
-        Size, position and statistics of the sample; None without a sample.
+        Size, position and statistics of the sample; None if the fit used no sample.
     sample : dict or None
-        The sample as GeoJSON, if requested.
+        Outline of the sample as GeoJSON; None if it was not requested.
     water, water_bands : WaterRule or None, tuple of int
-        The rule by which water was found, and the 0-based scene bands that it uses.
+        The rule by which water was found, and the 0-based scene bands that it uses; None if water was not searched for.
     chain : Chain
-        Stages of compensation around the removal; empty where there are none.
+        Stages of compensation around the removal; empty if there are none.
     choice : Choice, optional
         The candidates that were tried on sample tiles, if the recipe left the choice open.
     undeclared : Undeclared
@@ -89,7 +89,7 @@ def fit_scene(
     progress : callable, optional
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     run : callable
-        Function that processes the sample's tiles for a pointwise method: on threads, or on workers (`Cluster.run`).
+        Function that processes tiles of the sample for methods that use each pixel alone: `tiles.run` or `Cluster.run`.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def fit_scene(
     Raises
     ------
     InputError, ReadError, BandError, NoWaterError, FitError
-        Wrong option; unreadable file; no NIR band, or a selected band missing; no water; sample that allows no fit.
+        In this order: wrong option; unreadable file; no NIR or selected band; no water; the sample allows no fit.
 
     Examples
     --------
@@ -133,10 +133,10 @@ def _fit_overviews(
     for doubt in doubts:
         log.warning("%s", doubt)
     nir = request.indexes[0].bands[0]
-    method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
+    method = METHODS.get(recipe.method)  # None: "auto", which selects a method that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
     if sampled and recipe.sample == "auto" and recipe.mask != "auto":
-        # without --sample, the sample is the mask file; for the mask "none", the water or, if none is found, all
+        # without --sample, the sample is the area of --mask; for "none", it is the water or, without water, all pixels
         sample = recipe.mask
         if sample == "none":
             water = overview_of(scene, nir, threads).water
@@ -187,7 +187,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 
 
 def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
-    """Method, chain text, `Choice` and training tiles of a job; the last two only if `Recipe.chain` is "auto"."""
+    """Method, chain text, `Choice`, training tiles of a job; the last two are None unless `Recipe.chain` is "auto"."""
     method, text = job.recipe.method, job.recipe.chain
     if text != "auto":
         return "wiener" if method == "auto" else method, text, None, None
@@ -200,11 +200,11 @@ def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """Prepare a saved model, and its `chain` unless `recipe.compensate` is "off", for this scene, as a `Fitted`.
+    """Make a `Fitted` for this scene from a saved model and its `chain` (not used if `recipe.compensate` is "off").
 
     Without a chain, only `recipe.bands` (empty: all bands of the model) are corrected. Raises InputError if the model
-    or chain does not suit this scene or the bands, NIR, method or stages of the recipe; NoWaterError if `mask` "auto"
-    finds no water. Other options of the recipe for a fit are not used, nor do they appear in the recipe of the result.
+    or chain does not suit this scene or the bands, NIR, method or stages of the recipe; NoWaterError if the mask is
+    "auto" and no water is found. All other options of the recipe are ignored, and not in the result's recipe.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

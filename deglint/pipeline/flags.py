@@ -52,9 +52,9 @@ SkyGlint = dict[str, Any] | None  # what `sky_glint` returns
 SKY_MODEL = "harrison-coombes"
 """Sky model for the reported sky glint: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
 SKY_WINDS = (5.0, 1.0, 15.0)
-"""Winds if the scene states none: for the reported sky glint (default of simulations), and for its range [m/s]."""
+"""Winds if the scene states none [m/s]: the first for the reported sky glint (as in simulations), all for its range."""
 VISIBILITIES = (40.0, 15.0, 80.0)
-"""Visibility for the reported sky glint (default of plans), and in haze and very clear air for its range [km]."""
+"""Visibilities [km]: the first for the reported sky glint (as in plans), all (also haze, clear air) for its range."""
 _ANGLE_TAGS = {
     "sun zenith angle": ("sun_zenith_deg", "sun_elevation"),
     "sun azimuth": ("sun_azimuth_deg", "sun_azimuth"),
@@ -67,7 +67,7 @@ _ANGLE_TAGS = {
 def tile_flags(
     block: Block, done: Corrected, *, saturated: Mask, negative: Mask, clipped: Mask
 ) -> npt.NDArray[np.uint8]:
-    """Flags of a corrected tile, (row, column), from `FLAGS`; the named arguments are masks (band, row, column)."""
+    """Flags of a corrected tile, (row, column), from `FLAGS`; the keyword arguments are masks (band, row, column)."""
     flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
     flags[block.where] = CORRECTED if done.changes else 0
     if done.replaced is not None:
@@ -83,9 +83,11 @@ def tile_flags(
 def counted(
     block: Block, done: Corrected, flags: npt.NDArray[np.uint8], classes: npt.NDArray[np.uint8] | None, **marked: Mask
 ) -> PixelCounts:
-    """Count the pixels of a tile: those flagged nodata, not water, corrected or protected in `flags` (row, column);
-    those of each class in `classes` (row, column; None: not counted); per band those changed, replaced, and True in
-    each mask (band, row, column) in `marked`, keyed by field of the result.
+    """Count the pixels of a tile.
+
+    In `flags` (row, column), the pixels that are nodata, not water, corrected or protected are counted; in `classes`
+    (row, column), unless it is None, those of each class of sun glint. For each band, the changed, the replaced and the
+    `marked` pixels are counted; the keys of `marked` are fields of the result, its values masks (band, row, column).
     """
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
@@ -128,8 +130,9 @@ def glint_numbers(counts: PixelCounts, noise: Mapping[str, float]) -> dict[str, 
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
     """Layout of the corrected image; its type is `dtype`, by default the scene's. `options`: GDAL creation options.
 
-    The output has the nodata of the input (of the first band with one). If its type cannot hold it, floats get NaN, and
-    integers a mask. It also has a mask if the input has one, or if floats without nodata become integers.
+    The image has the nodata value of the first input band that has one. If its type cannot hold this value, a float
+    image gets NaN instead, and an integer image a mask. The image also gets a mask if the input has one, or if floats
+    without nodata become integers.
     """
     source, bands = raster_of(scene), tuple(range(len(scene.bands)))
     info, out = source.info, np.dtype(dtype or source.info.dtype)
@@ -141,7 +144,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
     elif nodata is None or not holds(out, nodata):
         masked = masked or nodata is not None or info.dtype.kind == "f"
         nodata = None
-    # bands of files without descriptions are known by their files' names, and must be in the output, too
+    # a band without a description is named after its file, and must have this name in the output, too
     names = tuple(info.descriptions[b] or scene.bands[b].name for b in bands)
     return Layout(info, bands, out.name, nodata, options, names=names, masked=masked)
 
@@ -149,7 +152,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
 def beside(
     scene: Scene, image: Layout, bands: tuple[int, ...], targets: Outputs, modelled: Mapping[str, Any] | None
 ) -> dict[str, tuple[Path, Layout]]:
-    """Path and layout of each additional raster (flags, amounts, standard errors), by field of `CorrectedTile`.
+    """Path and layout of each additional raster (flags, amounts, standard errors); keys are fields of `CorrectedTile`.
 
     image : layout of the corrected image
     bands : 0-based bands of the amounts and the standard errors
@@ -185,10 +188,11 @@ def sky_glint(scene: Scene) -> SkyGlint:
 
     .. math:: \rho = \pi L / (E_{sun} + E_{sky})
 
-    with the reflected sky radiance L; L / E_sky is from `physics.sky.reflectance`, E from Gregg and Carder (1990).
-    Returns the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
-    three sky models, `VISIBILITIES` and, if the scene states no usable wind, `SKY_WINDS`; and the assumptions. Returns
-    None, with a line in the log, if the scene does not state the angles of sun and sensor, or has no such band.
+    L is the reflected sky radiance; E_sun and E_sky are the irradiances by sun and sky (Gregg and Carder 1990).
+    L / E_sky is from `physics.sky.reflectance`. The result has the `reflectance` of each band of 300 to 1000 nm by name
+    [1]; its `range`, the lowest and the highest value over three sky models, `VISIBILITIES` and, if the scene states no
+    usable wind, `SKY_WINDS`; and the assumptions. If the scene does not state the angles of sun and sensor, or has no
+    such band, the result is None, and a line is logged.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     angles = {k: a for k, names in _ANGLE_TAGS.items() if (a := _angle(tags, *names, zenith="zenith" in k)) is not None}

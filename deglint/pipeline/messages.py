@@ -20,7 +20,7 @@ def why(lines: Sequence[str]) -> None:
 
 
 def log_scene(scene: Scene) -> None:
-    """Log size, sensor and band delays of the scene, the pixel size assumed without coordinates, and its notes."""
+    """Log size, sensor, band delays and notes of a scene; if it has no coordinates, also the assumed pixel size."""
     sensor = f", sensor {scene.sensor}" if scene.sensor else ""
     first, *others = scene.path.split(", ")
     name = f"{first} and {len(others)} more" if others else first
@@ -32,12 +32,12 @@ def log_scene(scene: Scene) -> None:
     if scene.transform is None or scene.transform.is_identity:
         size = pixel_size(scene)
         log.info("no coordinates: pixels are taken to be %s", f"{size:g} m wide" if size else "fine, below 1 m")
-    for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
+    for line in scene.notes:  # notes of products and on assumptions are shown without -v, too
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
-    """Log which pixels are corrected; return notes on the water found by `rule`. Raises NoWaterError without water."""
+    """Log which pixels are corrected; return notes on its water. Raises NoWaterError if `rule` found none."""
     if rule is None:
         if mask != "auto":
             log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")

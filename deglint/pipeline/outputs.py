@@ -33,7 +33,7 @@ BESIDE = {"flags": "tif", "amount": "tif", "stderr": "tif", "sample": "geojson",
 """Optional outputs beside the image and its sidecar, and the usual extensions of their file names."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 Counts = npt.NDArray[np.int64] | int
-Saved = tuple[GlintModel | None, Chain | None]  # what `load_fit` reads, if anything
+Saved = tuple[GlintModel | None, Chain | None]  # result of `load_fit`, or (None, None) without a saved model
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Outputs:
     dtype: str | None = None  # data type of the image; the type of the input by default
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     request: str | None = None  # checksum of a batch's options, by which finished outputs are recognised
-    reads: Sequence[str | Path] = ()  # further input files, beside scene and recipe; no output may replace an input
+    reads: Sequence[str | Path] = ()  # input files beside those of scene and recipe; no output may replace an input
 
     def __post_init__(self) -> None:
         for name in ("image", *BESIDE):
@@ -123,7 +123,7 @@ class Result:
         return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the scene before and after the correction, with the same stretch; `ax` and result as in `Scene.plot`."""
+        """Draw the scene before and after the correction with the same contrast; `ax` and result: see `Scene.plot`."""
         from ..plotting import drawn
         from ..readers import open_scene
 
@@ -234,17 +234,17 @@ def saved(fitted: Fitted) -> str:
 
 
 def load_model(path: str) -> GlintModel:
-    """Read the model that `--save-model` wrote. Raises ReadError if there is no file, InputError if it is no model."""
+    """Read the model of `--save-model`. Raises ReadError for an unreadable file, InputError if it has no model."""
     return load_fit(path)[0]
 
 
 def load_chain(path: str) -> Chain:
-    """Read the compensation that was saved with a model, or an empty chain; raises the same errors as `load_model`."""
+    """Read the compensation saved with a model; empty if none was saved. Raises the same errors as `load_model`."""
     return load_fit(path)[1]
 
 
 def load_fit(path: str) -> tuple[GlintModel, Chain]:
-    """Read the model and the compensation, or else an empty chain, from a file with the text that `saved` returns."""
+    """Read a model and its compensation (empty if none was saved) from a file; raises the errors of `load_model`."""
     text = read_text(path, "--model")
     try:
         model, chain = GlintModel.from_json(text), json.loads(text).get("compensation")

@@ -23,12 +23,12 @@ from ..scene import FloatArray, Scene, Window
 from ..tiles import T, Tile
 from .recipe import Recipe
 
-Progress = Callable[[str, int, int], None]  # of the name of a step, and the numbers of finished and of all tiles
+Progress = Callable[[str, int, int], None]  # called with the name of a step, and the numbers of finished and all tiles
 Work = Callable[[Tile], T]
-Note = Callable[[int, int], None]  # of the numbers of finished and of all tiles
+Note = Callable[[int, int], None]  # called with the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
-LEAST_VALID = OVERVIEW_PIXELS // 4  # fewest valid pixels of an overview (about 2 of its 8 tiles), else the next
+LEAST_VALID = OVERVIEW_PIXELS // 4  # an overview with fewer valid pixels (about 2 of its 8 tiles) is skipped
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
 """Most pixels that the overview of a whole scene keeps in memory. A larger scene is read completely, and only some of
@@ -47,8 +47,8 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Yield overviews of larger and larger parts of a scene, at last of the whole. If `wanted`, water is searched in
-    each part, and parts with few valid pixels (`LEAST_VALID`) are skipped.
+    """Yield overviews of larger and larger parts of a scene, at last of the whole. If `wanted`, water is searched for
+    in each part, and parts with few valid pixels (`LEAST_VALID`) are skipped.
     Raises NoWaterError if a scene of more than `MOST_OVERVIEW` pixels has no valid pixel in the 0-based band `nir`.
     """
     roles, bands = roles_of(scene, nir)
@@ -74,7 +74,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 
 def roles_of(scene: Scene, nir: int) -> tuple[Roles, tuple[int, ...]]:
-    """Roles of the bands that the masks use, as indices into a block of these bands; and their 0-based scene bands."""
+    """Bands that the masks use: their roles, as indices into a block of only these bands; their 0-based scene bands."""
     visible = {role: band for role, band in band_roles(scene).items() if role in ("blue", "green", "red")}
     found = {role: band for role, band in visible.items() if band not in (None, nir)} | {"nir": nir}
     bands = tuple(sorted(found.values()))
@@ -109,7 +109,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int) -> Overview:
-    """The first overview with water, else the last one; the first one without visible bands. `nir` is 0-based."""
+    """The first overview with water, else the last; if the scene has no visible band, the first. `nir` is 0-based."""
     for overview in overviews(scene, nir, threads, wanted=True):
         if overview.water is None or overview.water.has_water:
             break
@@ -146,12 +146,12 @@ class Sampler:
     """Where the sample of a scene lies: tiles that contain it, and a function that returns its mask in a tile."""
 
     tiles: Sequence[Tile]  # tiles that contain the sample
-    squares: Sequence[Tile]  # the same area in squares of up to `TILE_SIDE` pixels, for any blocks of the file
+    squares: Sequence[Tile]  # the same area in squares of at most `TILE_SIDE` pixels; they do not depend on file blocks
     mask: Callable[[FloatArray, Tile], Mask]  # mask of the sample (row, column) from a block of `bands` and its tile
     bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
     halo: int = 0  # pixels around a tile that `mask` needs
     numbers: dict[str, object] = field(default_factory=dict)  # entries of the sidecar
-    bounds: Window | None = None  # window around a sample that the user has given
+    bounds: Window | None = None  # window around the sample, if the user has given one
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class Job:
     note: Note | None  # called with the numbers of finished tiles and of all tiles
     run: tiling.Run  # function that processes tiles
     want_sample: bool  # return the outline of the sample
-    sampler: Sampler | None = None  # of the sample that the recipe names; None: "auto"
+    sampler: Sampler | None = None  # for the sample that the recipe selects; None if that is "auto"
 
     def results(self, tiles: Sequence[Tile], work: Work[T], halo: int = 0, note: Note | None = None) -> Iterator[T]:
         """Iterate over results of `work(tile)` in tile order, on as many of the job's threads as memory allows.
@@ -178,7 +178,7 @@ class Job:
 
 def sampler_of(job: Job) -> Sampler:
     """Make the `Sampler` for the sample that the recipe of a job requests.
-    Raises FitError if no sample is found, and InputError or ReadError if the given sample cannot be used.
+    Raises FitError if no sample is found, and the errors of `open_area` if the given sample cannot be used.
     """
     scene, sample, overview = job.scene, job.recipe.sample, job.overview
     if sample == "auto":
@@ -193,7 +193,7 @@ def sampler_of(job: Job) -> Sampler:
         return Sampler(*places, lambda block, _tile: deep_water(block, rule), overview.bands, rule.halo, numbers)
     area = window_area(((0, scene.height), (0, scene.width)))
     if sample != "all":
-        # the area of --mask is the sample, too, where no other is given
+        # the area of --mask is also the sample, if no other sample is given
         area = open_area(sample, scene, "--mask" if sample == job.recipe.mask else "--sample")
     numbers = {"crs": area.note} if area.note else {}
     shapes = tile_shape_of(scene), (TILE_SIDE, TILE_SIDE)

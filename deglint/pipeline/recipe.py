@@ -29,27 +29,28 @@ class Recipe:
     nir_use : {"auto", "mean", "best", "set"}
         Reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains it
         best; "set", the NIR band taken at the same time. "auto" is "set" if `nir` is empty and the sensor takes its
-        bands in sets at different times, each with a NIR band; else it is "mean".
+        bands in sets at different times, each with a NIR; else "mean". For "mean" and "best", wiener uses the first.
     bands : tuple of str
-        Bands to correct, by name or 1-based number; if empty, all of shorter wavelength than the longest NIR band
-        (all other bands if none of them has a wavelength).
+        Bands to correct, by name or 1-based number; if empty, all bands with a shorter wavelength than the NIR band of
+        the longest wavelength (if no band but the NIR has a wavelength, all bands but the NIR).
     sample : str
-        Pixels to fit to: "auto" (an area that `mask` names, else open water; without water, all if `mask` is "none"),
-        "all", or an area as in `mask`.
+        Pixels to fit to: "all", an area as in `mask`, or "auto". "auto" is the area that `mask` names, or else the open
+        water that is found; if no water is found and `mask` is "none", it is all pixels.
     mask : str
-        Pixels to correct: "auto" (water that is found), "none" (all valid), or an area: the name of a mask raster or a
-        GeoJSON file, or a window "column,row,width,height" [pixel].
+        Pixels to correct: "auto" (water that is found), "none" (all valid pixels), or an area: the name of a mask
+        raster or a GeoJSON file, or a window "column,row,width,height" [pixel].
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
-        Percentile of the glint index that is its level [%]; 0: that of the method, such as 0 or, for multiband, 5 %.
+        Percentile of the glint index that is its level, the glint-free NIR [%]. With 0, it is 5 % for method multiband
+        and the minimum for method hedley; other methods do not use it.
     rrs_factor : float
         Ratio of the physical values to remote-sensing reflectance [sr]; pi for reflectance.
     compensate : str
-        "auto" (with method "auto", the candidate with the least expected error on the scene; else none), "thesis",
+        "auto" (with method "auto", that of the candidate with the least expected error; else none), "thesis",
         "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
     smallest_object : str
-        Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m (16 pixels without a pixel size).
+        Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m (16 pixels for unknown pixel sizes).
     """
 
     method: str = "auto"
@@ -104,7 +105,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 
 def band_names(value: str | int | Sequence[str | int], field: str) -> tuple[str, ...]:
-    """Names and 1-based numbers of bands, from text ("NIR1, NIR2"), number or list; errors name the option `field`."""
+    """Names and 1-based numbers of bands, from text ("NIR1, NIR2"), number or list; error messages name `field`."""
     try:
         return tuple(map(str, split_wanted(value)))
     except InputError as error:
@@ -128,7 +129,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
-    """0-based NIR band of each set of simultaneous bands; empty if there is one set, or a NIR or a set is missing."""
+    """0-based NIR band of each set of simultaneous bands; empty unless there are 2 or more sets, each with a NIR."""
     groups = list(dict.fromkeys(b.group for b in scene.bands))
     if None in groups or len(groups) < 2:
         return ()

@@ -36,7 +36,7 @@ from .outputs import Outputs, PixelCounts, Result, log_result, saved, sidecar
 from .overview import raster_of, tiles_over
 from .recipe import Recipe
 
-CHAIN_COPIES = 3  # memory of a tile with a chain relative to a removal alone
+CHAIN_COPIES = 3  # memory that a tile needs with a chain, relative to a removal alone
 READING = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset")
 """Keywords of `remove_glint` for opening the input."""
 WRITING = ("model_file", *(f.name for f in fields(Outputs) if f.name not in ("image", "model")))
@@ -117,7 +117,7 @@ def _check_saved(model: object, chain: object) -> None:
 
 @dataclass(frozen=True)
 class Run:
-    """Threads or cluster on which the tiles of a run are processed, its `progress` function, and when it began."""
+    """Threads or cluster that process the tiles of a run, its `progress` function, and the time of its start."""
 
     threads: int
     progress: Progress
@@ -126,7 +126,7 @@ class Run:
 
 
 def check_outputs(source: object, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
-    """Check that outputs can be written and replace no input (nor the file `sensor`); return the files of the scene."""
+    """Return the scene's files. Raises InputError or WriteError if an output cannot be written or is also an input."""
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
@@ -162,7 +162,7 @@ def prepare(
 
 
 def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, checksum: Checksum, run: Run) -> Result:
-    """Correct a scene and write all `targets`. Raises NoWaterError if bands, but no pixels, are corrected."""
+    """Correct a scene; write all `targets`. Raises NoWaterError if the model has bands, but no pixel is corrected."""
     scene = work.scene
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:

@@ -34,13 +34,13 @@ from .recipe import smallest_object
 
 HALO = 64  # halo around a training tile [pixel]: windows, kernels and clumps of the first stages need it
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
-"""Number and side of the squares on which candidates are tried, and their halo [pixel]; they take a few seconds."""
+"""Number and side of the squares on which candidates are tried, and their halo [pixel]; trials take a few seconds."""
 AS_LARGE = 0.9  # squares with samples of at least this share of the largest sample are equally suited for trials
-KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
+KEPT_PIXELS = 1 << 20  # most pixels whose values are kept in memory to compute a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 
 Place = tuple[Window | None, list[dict[str, object]]]
-"""Bounding window in the scene of the sample in a tile (None: no sample), and its outline as GeoJSON if requested."""
+"""Window of the scene around the sample in a tile (None: no sample); outline of this sample as GeoJSON if requested."""
 Sampled = tuple[dict[str, Any], dict[str, object] | None]
 """The sidecar entries of a sample, and its outline as GeoJSON if requested."""
 
@@ -53,7 +53,7 @@ class Training:
     outer: Tile  # the tile with its halo
     block: FloatArray  # (band, row, column) of `outer`, physical values of all bands
     water: Mask  # (row, column) of `outer`, True for water
-    sample: Mask  # (row, column) of `tile`: selected by the user, or water away from shores (all water, if none is)
+    sample: Mask  # (row, column) of `tile`: selected by the user, else water away from shores (if none, all water)
 
     @property
     def inside(self) -> Mask:
@@ -70,8 +70,9 @@ class Training:
 
 
 def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Callable[[Tile], Training]:
-    """Make a function that reads a tile with a halo. Its sample is that of the recipe, else water away from shores. If
-    the recipe has a sample, `Training.water` is this sample, and if `with_water` also the water that is found.
+    """Make a function that reads a tile with a halo as a `Training`. If the recipe has the sample "auto", the sample of
+    the tile is its water away from shores. Else it is the sample of the recipe; then, the water of the tile is also
+    this sample and, if `with_water`, the water that is found.
     """
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
     rule = job.overview.water if sampler is None or with_water else None
@@ -98,7 +99,7 @@ def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Cal
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Map of the strips of odd and even detectors, from footprints of a 0-based band; None unless both kinds occur."""
+    """Map of the strips of odd and even detectors, from the footprints of a 0-based band; None unless both occur."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -112,7 +113,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, kinds: SquareKinds) -> Strips:
-    """Find strips with opposite band delays; `kinds` is called for each tile, and returns the kinds of its squares."""
+    """Map the detector strips with opposite band delays; `kinds` returns places and kinds of the squares of a tile."""
     read, (_bands, height, width) = training_reader(job), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
@@ -132,8 +133,8 @@ def setting(job: Job) -> Setting:
 
 
 def read_training(job: Job, *, for_chain: bool) -> list[Training]:
-    """Read the training tiles. If `for_chain` is True, each has its halo and a mask of all water. If they have over
-    600,000 pixels in all, evenly spread tiles with about 300,000 are read, whatever the blocks of the file are.
+    """Read the training tiles; if `for_chain` is True, each with a halo and a mask of all water. If the tiles have more
+    than 600,000 pixels in all, only about 300,000 are read, in evenly spread tiles that do not depend on file blocks.
     """
     places: Sequence[Tile] = job.sampler.squares if job.sampler else job.overview.tiles
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
@@ -143,14 +144,15 @@ def read_training(job: Job, *, for_chain: bool) -> list[Training]:
 
 
 def sample_of(training: Sequence[Training]) -> Sample:
-    """Make the `Sample` to which stages are fitted from training tiles."""
+    """Convert training tiles to a `Sample`, to which the stages of a chain are fitted."""
     states = tuple(State.of(t.block, t.water, (t.outer.row0, t.outer.col0)) for t in training)
     return Sample(states, tuple(t.inside & s.water for t, s in zip(training, states, strict=True)))
 
 
 def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
     """Fit a removal method to `sample`, which is the tiles `training` after the stages `chain.before`.
-    `wiener` after the opening `identify-level` is replaced by its variant for opened images, `remove.mixture`.
+    If the stage `identify-level`, a morphological opening, comes before `wiener`, the method is `remove.mixture`, a
+    variant of `wiener` for opened images.
     """
     images = [s.image for s in sample.states]
     if not METHODS[method].neighbours:
@@ -169,14 +171,14 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
 
 def _of_kernels(job: Job) -> FitRequest:
     """The request of a job for a fit, with the options for method `wiener`."""
-    pixel = pixel_size(job.scene) or 0.0  # unknown sizes are treated like fine ones
+    pixel = pixel_size(job.scene) or 0.0  # an unknown pixel size is treated like a fine one
     resolved, sparkle = pixel < WAVES_RESOLVED, pixel < COARSE_PIXEL
     return replace(job.request, regression="detrended", resolved=resolved, sparkle=sparkle)
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Remove from the samples of tiles the pixels that are nearer to land than `size` [pixel], as openings are too dark
-    there. If less than half of the pixels would be left, the samples are not changed.
+    """Remove from the samples of tiles the pixels that are nearer to land than `size` [pixel], as a morphological
+    opening is too dark there. If less than half of the pixels would be left, the samples are not changed.
     """
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
@@ -184,7 +186,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit chain `text` and `method` to training tiles; describe the sample. The chain "off" has only `wiener`."""
+    """Fit chain `text` and `method` to training tiles; describe the sample. For "off", the method is `wiener`."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model
@@ -217,7 +219,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """Part of a tile for trials: the first square (`TRIED_SIDE`) at a corner that has sample, else the first corner."""
+    """Part of a tile for trials: the first of the squares at its corners that has sample pixels, else the first."""
     tile, side = found.tile, TRIED_SIDE
     rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
     corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]
@@ -229,7 +231,7 @@ def _part_of(found: Training, scene: Scene) -> Training:
 
 
 def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
-    """Fit a pointwise method (no neighbouring pixels) to its sample; also return its description and log lines."""
+    """Fit a pointwise method (no neighbouring pixels) to the sample; also return its `Sampled` and log lines."""
     sampler = job.sampler or sampler_of(job)
     pixels = sum(tile.pixels for tile in sampler.tiles)
     if sampler.bounds:  # count pixels of the window around the sample, not of whole tiles
@@ -247,7 +249,7 @@ def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
 def _read(job: Job, sampler: Sampler, plan: SamplePlan) -> Iterator[tuple[SampleStatistics, list[Place]]]:
     """Yield, for each row of tiles of the sampler, the statistics of the sample, and its `Place` in each tile."""
     scene, halo = job.scene, plan.halo
-    outlined = scene if job.want_sample else None  # workers of a cluster get no job: `note` belongs to this process
+    outlined = scene if job.want_sample else None  # `work` must not use `job`: its `note` cannot be sent to workers
     columns = sorted({*plan.read_bands, *sampler.bands})
     rows, reach = [columns.index(b) for b in plan.read_bands], halo + sampler.halo
 
@@ -267,7 +269,7 @@ def _read(job: Job, sampler: Sampler, plan: SamplePlan) -> Iterator[tuple[Sample
 
 
 def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
-    """The `Place` of the sample in a tile, from its `mask` (row, column); outlined if `outlined` is a scene."""
+    """The `Place` of the sample in a tile, from its `mask` (row, column); with its outline if `outlined` is a scene."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None, []
