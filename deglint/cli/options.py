@@ -15,7 +15,7 @@ from .running import BoldContext
 
 log = logging.getLogger(__name__)
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # click settings of a command
-Decorator = Callable[[Callable[..., None]], Callable[..., None]]  # of a function that becomes a click command
+Decorator = Callable[[Callable[..., None]], Callable[..., None]]  # decorates the function of a command
 
 
 class Grouped(click.Command):
@@ -48,7 +48,7 @@ def heading(text: str) -> Decorator:
 
 
 class ChoiceFromTable(click.Choice[str]):
-    """Type of option values: `words`, and those of `table` (dict, tuple, Literal) in `module`, imported when needed."""
+    """Option type: values are `words` and those in `table` (dict, tuple, Literal) of `module`, imported when needed."""
 
     def __init__(self, table: str, module: str, *words: str) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, False
@@ -60,7 +60,7 @@ class ChoiceFromTable(click.Choice[str]):
         return (*self._words, *(get_args(table) or table))
 
     def summaries(self) -> list[tuple[str, str]]:
-        """Name and summary of each entry of a table of methods, with the options that others do not take."""
+        """Name and summary of each entry of a table of methods, with the options that only this method takes."""
         table = getattr(import_module(self._module), self._table).items()
         rows = ((name, entry.summary, ", --".join(entry.options).replace("_", "-")) for name, entry in table)
         return [(name, f"{summary}; takes --{own}" if own else summary) for name, summary, own in rows]
@@ -76,11 +76,11 @@ SKY_CHOICE = ChoiceFromTable("SKY_MODELS", "deglint.physics.sky")
 
 
 class FileName(click.Path):
-    """Type of file-name options. A shell completes `words` ("auto"), sensor presets (if `presets`) and file names."""
+    """Type of file-name options. A shell completes `words`, such as "auto", presets (if `presets`) and file names."""
 
     def __init__(self, *words: str, presets: bool = False) -> None:
         super().__init__(readable=False)
-        self.name = "file"  # in capitals the usual metavar
+        self.name = "file"  # click shows it in capitals as the default metavar
         self._words, self._presets = words, presets
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -134,7 +134,7 @@ def parsed(read: Callable[[str], object], wrong: str) -> Callable[..., object]:
 
 
 def place(option: str, metavar: str, said: str) -> Decorator:
-    """Make an option for a file name or a word: those in lower case in `metavar`, of which the first is the default."""
+    """Make an option for a file name or a word; words are in lower case in `metavar`, and the first is the default."""
     words = [word for word in metavar.split("|") if word.islower()]
     return click.option(option, type=FileName(*words), default=words[0], metavar=metavar, help=said)
 
@@ -223,9 +223,9 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
-    """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end.
+    """Provide the Dask cluster that the options select; for a dry run, or if they select none, provide None.
 
-    For a dry run, the options are checked, and None is provided.
+    Raises UsageError if options conflict. At the end, the memory of the workers is logged.
     """
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")

@@ -54,9 +54,9 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set the time of a mission: for a sweep, that of the highest sun; for the page without a time, the next daylight.
+    """Set the time of a mission: in a sweep, that of the highest sun; for a page without a time, the next daylight.
 
-    Returns the tables of the mission file. Other modes, or a missing latitude or longitude, do not change them.
+    Returns the tables of the mission file. In other modes, or without latitude or longitude, they are not changed.
     """
     place = dict(own) if isinstance(own := tables.get("place"), Mapping) else {}
     if "latitude" not in place or "longitude" not in place:
@@ -99,7 +99,7 @@ def over_time(given: Given, mission: Mission, console: Console) -> None:
 
 
 def under_winds(given: Given, mission: Mission, _console: Console) -> None:
-    """Make a plan for an uncertain wind: geometries that no wind of an interval excludes."""
+    """Make a plan for an uncertain wind: viewing geometries that no wind of an interval excludes."""
     found = sweep.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 
@@ -129,7 +129,7 @@ def page(given: Given, mission: Mission, _console: Console) -> None:
 
 
 def assumed(given: Given, tables: Tables, mission: Mission) -> list[str]:
-    """Lines for the log: times, time zones and winds that are assumed as none is given, and warnings of the mission."""
+    """Log lines: times, time zones and winds that are assumed because none is given, and warnings of the mission."""
     out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]

@@ -126,7 +126,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 def unused_by_model(given: Mapping[str, object]) -> str:
     """Text of those options of a recipe in `given` that a saved model does not use, and that differ from their default.
 
-    A model uses `mask`, `nir` and `bands`, and `compensate` if it is "off". An option with the value None is not given.
+    A model uses `mask`, `nir` and `bands`, and `compensate` if it is "off". The value None means: not given.
     """
     from ..pipeline import Recipe
 
@@ -140,7 +140,7 @@ def dry_run(
 ) -> None:
     """Open the scene and fit the recipe, or take the model and chain `saved`; print the files that would be written.
 
-    Their sizes are those before compression. Options that the run would refuse raise the same error.
+    Their sizes are those before compression. An option that the run would refuse raises the same error as in the run.
     """
     import numpy as np
 

@@ -21,7 +21,7 @@ from ..timing import Reporter
 
 LOGGERS = ("deglint", "detect")
 LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
-"""Level of a log line: prefix of the line, and colour of the prefix on a terminal."""
+"""For each level of a log line: prefix of the line, and colour of the prefix on a terminal."""
 
 
 class _Formatter(click.HelpFormatter):
@@ -39,7 +39,7 @@ class Commands(click.Group):
     """click group that imports the module of a subcommand when it is called, so that `--help` is fast.
 
     An error becomes one line on stderr and an exit code, also where the group is a plugin of another program (rio).
-    `home` is the package with a module of the same name for each command; `lines` has one line of help for each.
+    `home` is the package that has a module with the name of each command; `lines` has a line of help for each command.
     """
 
     context_class = BoldContext
@@ -56,7 +56,7 @@ class Commands(click.Group):
             return int(end.code or 0)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Count -v, also of the subcommand, as -vv prints tracebacks; then parse the arguments of the group."""
+        """Count -v, also after the subcommand, as -vv prints tracebacks; then parse the arguments of the group."""
         ctx.color = False if os.environ.get("NO_COLOR") else ctx.color  # None: colours on a terminal only
         ctx.meta["verbose"] = args.count("--verbose") + sum(a.count("v") for a in args if re.fullmatch("-[vqh]+", a))
         return super().parse_args(ctx, args)

@@ -138,7 +138,7 @@ def simulate(out: Path, **given: Any) -> None:
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
-    """Path without ending, and `Setup`, of each scene of the options; UsageError for several scenes without --grid."""
+    """Path without ending and `Setup` of each scene; raises UsageError for several winds or delays without --grid."""
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments

@@ -105,7 +105,7 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
 
 
 def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
-    """Draw the share of the view in glint by heading, and the glint across the track on the best and worst heading.
+    """Draw the share of the field of view in glint by heading, and glint across the track on best and worst heading.
 
     `line` has the glint for all headings. `words` are lines of text above the chart, by default `line.words()`.
     """

@@ -27,10 +27,10 @@ BLUE: Colour = (0, 114, 178)
 YELLOW: Colour = (255, 200, 20)
 MAGENTA: Colour = (204, 20, 120)
 _OVERSAMPLING = 2  # discs are drawn this many times larger, then averaged
-_SHADES = 248  # number of colours of the colour scale in a disc; the rest of 256 is for hatchings and edges
+_SHADES = 248  # number of colours of the colour scale in a disc; 8 more are for hatchings and edges
 _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
 _COLOURS = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]  # (256, 3), RGB
-_font = lru_cache(maxsize=16)(ImageFont.load_default)  # by size [pixel]
+_font = lru_cache(maxsize=16)(ImageFont.load_default)  # font of a size [pixel]
 
 
 class Canvas:
@@ -76,7 +76,7 @@ class Canvas:
     def lines(
         self, at: Point, texts: Sequence[str], size: int, step: int, colour: Colour = INK, width: float | None = None
     ) -> float:
-        """Add lines of text `step` apart [pixel], wrapped to `width` [pixel] if given; return y below them [pixel]."""
+        """Add lines of text `step` apart [pixel], wrapped to `width` [pixel] if given; return y below all lines."""
         lines = texts if width is None else [line for text in texts for line in wrapped(text, size, width)]
         for k, line in enumerate(lines):
             self.text((at[0], at[1] + k * step), line, size, colour)
@@ -93,7 +93,7 @@ class Canvas:
 
 
 def wrapped(text: str, size: float, width: float) -> list[str]:
-    """Split a text at spaces into lines of at most `width` [pixel], or one longer word, in a font of `size` [pixel]."""
+    """Split a text in a font of `size` [pixel] into lines of up to `width` [pixel]; longer words are not split."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -105,7 +105,7 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Point of a viewing geometry [degree] on a disc, north up; the edge, at `radius` [pixel], has zenith `widest`."""
+    """Point of a viewing geometry [degree] on a disc, north up; the edge, at `radius` [pixel], is zenith `widest`."""
     return around(centre, radius * zenith / widest, azimuth)
 
 

@@ -172,7 +172,7 @@ class Mission(Checked):
 
     @cached_property
     def moment(self) -> np.datetime64 | None:
-        """Time of the plan (UTC), by default that of its first use; None if neither time nor latitude is given."""
+        """Time of the plan (UTC), by default that of the first use; None if neither time nor latitude is given."""
         if self.time is not None:
             return sun.moment(self.time)
         return None if self.latitude is None else np.datetime64("now", "s")
@@ -248,9 +248,9 @@ _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "m
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """Make a mission from tables {table: {key: value}}, as in a mission file; error messages call them `name`.
+    """Make a mission from tables {table: {key: value}}, as in a mission file; `name` is for error messages.
 
-    Raises InputError if a table or key is unknown, or a value cannot be used.
+    Raises InputError if a table or key is unknown, or a value cannot be used; BandError if a band is unknown.
 
     >>> mission_from({"sun": {"zenith": 30, "azimuth": 180}, "wind": {"speed": 7, "from": 310}}).wind
     7.0

@@ -24,7 +24,7 @@ MARGIN = 3.0  # least angle between the best viewing geometry and any excluded o
 # points of the compass, clockwise from north
 _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 _CARDINAL = {"N": "north", "E": "east", "S": "south", "W": "west"}
-_AROUND = 16  # number of points at `MARGIN` around a viewing geometry that must not be excluded
+_AROUND = 16  # number of points at `MARGIN` around the best viewing geometry; if possible, none of them is excluded
 
 
 class Light:

@@ -33,7 +33,7 @@ _POLICY = (  # the page may load nothing but plans from this server
     "default-src 'none'; img-src data:; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline';"
     " base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_THIN = 4  # the page gets about every fourth viewing geometry, ends included, for the values at the pointer
+_THIN = 4  # the page gets about every fourth viewing geometry, ends included, for values at the mouse pointer
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:

@@ -36,8 +36,8 @@ class Wind(NamedTuple):
 class Skylight:
     """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
 
-    `sun` is (zenith angle, azimuth), `model` the sky model. Relative to `sky.reflectance`, which does not interpolate,
-    the mean is right to 1 %. An azimuth of the grid is opposite the sun, where the mirrored glow is narrow.
+    `sun` is (zenith angle, azimuth), `model` the sky model. The mean differs by up to 1 % from `sky.reflectance`,
+    which does not interpolate. Facets are also summed at the azimuth opposite the sun, where the glow is narrow.
     """
 
     def __init__(
@@ -50,8 +50,8 @@ class Skylight:
         down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), (azimuth - opposite) % 360.0 / step
         # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
         self.mean = _interpolated(_interpolated(mean, down, 0, nodes=4), across, 1, nodes=4, periodic=True)
-        # share of the sea whose facets reflect more than each of `LEVELS`, (level, zenith, azimuth) [1]; 2 nodes, since
-        # with 4 nodes it could rise with the level
+        # share of the sea whose facets reflect more than each of `LEVELS`, (level, zenith, azimuth) [1]; linear, since
+        # cubic interpolation (4 nodes) could make the share rise with the level
         self.brighter = _interpolated(_interpolated(brighter, down, 1, nodes=2), across, 2, nodes=2, periodic=True)
 
     def share_above(self, level: Floats) -> Floats:
@@ -107,7 +107,7 @@ def _facet_sums(
         mean[i] = (weight * mirrored).sum(axis=1)
         count[i] = _histogram(weight, mirrored)
     cosine2 = np.cos(np.radians(azimuths)) ** 2
-    # 1 + Lambda: the sensor sees less of the sea where waves hide each other
+    # 1 + Lambda: (hidden and visible area of the sea) / (visible area), see `slopes.hidden`
     shadowing = 1.0 + slopes.hidden(zeniths[:, None], variances[0] * cosine2 + variances[1] * (1.0 - cosine2))
     brighter = np.cumsum(count[..., ::-1], axis=-1)[..., ::-1] / shadowing[..., None]
     # of the facets counted at a level, half are above it

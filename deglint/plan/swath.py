@@ -19,7 +19,7 @@ _ACROSS, _ALONG = 121, 31  # number of points across and along the field of view
 HEADINGS = np.arange(0.0, 360.0, 15.0)  # headings that are tried for alternatives [degree]
 TIME_STEP = 30  # step between the times that are tried [minute]
 TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # pitch and roll that are tried, to either side [degree]
-WORTHWHILE = 0.5  # an alternative with glint must have less than this fraction of the glint of the plan [1]
+WORTHWHILE = 0.5  # an alternative above `FREE` must have less than this fraction of the glint on the best heading [1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +63,10 @@ class Line:
         least, most = float(self.fraction[self.best]), float(self.fraction[self.worst])
         self.is_good = least <= FREE  # whether at most `FREE` of the view is in glint on the best heading
         self.is_any = most < 5e-4  # whether any heading will do: less than 0.05 % of the view is in glint on the worst
-        self.is_recommended = not self.is_any and least <= USABLE  # whether the best is usable, and better than others
+        self.is_recommended = not self.is_any and least <= USABLE  # whether the best heading is recommended
 
     def words(self) -> str:
-        """Text that recommends a heading, or states that any heading is good, or that none is."""
+        """Text that recommends a heading, or states that any heading will do, or that none is good."""
         where = f"{self.view.across:g} degrees across" + (f" by {self.view.along:g}" if self.view.along else "")
         if self.is_any:
             return f"Any heading will do: no part of the view ({where}) is in glint."
@@ -146,7 +146,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Yield the best line at times with the sun up, within 12 hours; nearest first. Nothing if sun angles are given."""
+    """Yield the best line at each time within 12 hours with the sun up, nearest first; none if sun angles are given."""
     if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
         return
     steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)

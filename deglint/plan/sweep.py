@@ -14,7 +14,7 @@ from .mission import SUN_LIMIT, Mission, tables_of
 from .reticle import Reticle, ViewingGeometry, best_geometry, compass, one_in, reticle, sentence
 
 DAYLIGHT = 15.0  # least solar elevation with enough light under water [degree]
-SPEEDS, TURNS = 5, 7  # speeds and directions in the interval of a wind, ends included; the mission's speed is added
+SPEEDS, TURNS = 5, 7  # numbers of speeds and directions in the interval of a wind; the mission's speed is added
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class WindEnsemble:
     """Glint and contrast of a mission under all winds of an interval, for a wind that is not exactly known.
 
     The speed is that of the mission plus or minus `speed` [m/s], within the range of the models; the direction is that
-    of the mission plus or minus `turn` [degree], 180 for any. Raises InputError if one of these is out of range.
+    of the mission plus or minus `turn` [degree]; 180 means any direction. Raises InputError if one is out of range.
     """
 
     def __init__(self, mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> None:
@@ -123,14 +123,14 @@ class WindEnsemble:
         self.speed, self.turn = speed, turn
         low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
         speeds = np.unique(np.round([*np.linspace(low, high, SPEEDS), mission.wind], 9))
-        around = np.linspace(-turn, turn, TURNS)[turn == 180.0 :] if turn else np.zeros(1)  # -180 and 180 are one
+        around = np.linspace(-turn, turn, TURNS)[turn == 180.0 :] if turn else np.zeros(1)  # -180 equals 180
         self.winds = speeds.tolist(), ((mission.wind_from + around) % 360.0).tolist()  # [m/s], [degree]
         coarse = mission.coarse()
         self.middle = reticle(coarse)  # reticle under the wind of the mission
         plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*self.winds))
         layers = zip(*((p.glint_strength, p.glint_probability, p.combined, p.excluded) for p in plans), strict=True)
         *held, excluded = (np.array(layer) for layer in layers)
-        # lowest and highest value of layers of `Reticle` (contrast: `combined`), (2, zenith, azimuth)
+        # lowest and highest value over all winds of layers of `Reticle`, (2, zenith, azimuth); contrast is `combined`
         self.glint, self.glint_probability, self.contrast = (np.stack([v.min(axis=0), v.max(axis=0)]) for v in held)
         # the viewing geometry with the highest contrast under the worst wind; None if none is good under all winds
         self.best = best_geometry(self.middle, self.contrast[0])
