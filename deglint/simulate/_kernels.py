@@ -1,4 +1,4 @@
-"""Compiled loop over facets for `deglint.simulate`: density of the slope that glints, and reflected sky."""
+"""Compiled loop over facets for `deglint.simulate`: slope density at the glinting slope, and reflected sky."""
 
 import math
 
@@ -11,8 +11,8 @@ from ..jit import njit
 def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
     """Fill both arrays (row, column) of `out`: slope density in facets at the glinting slope [1]; reflected sky [1/sr].
 
-    The glinting slope reflects the sun into the sensor; the sky is per diffuse irradiance. `slopes` (row, column) is
-    complex: the slope of each facet, east + i * north. `rows`, the part to fill, is (first row, last row + 1).
+    The glinting slope reflects the sun into the sensor; sky radiance is per diffuse irradiance. `slopes` (row, column)
+    is complex: the slope of each facet, east + i * north. `rows`, the part to fill, is (first row, last row + 1).
     `sparkle` is the result of `facets._draw_sparkle`, followed by time [s]. `wind` is (sine and cosine of the azimuth
     that the wind blows from, factors on the upwind and crosswind slopes). `glint` is (upwind and crosswind glinting
     slope, variances of both slopes within a facet). `table` is (result of `facets._sky_table`, first slope, its step).

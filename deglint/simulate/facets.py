@@ -123,7 +123,7 @@ def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float
     """Glint radiance per unit of Gaussian slope density and of irradiance on a plane facing the sun [1/sr].
 
     `facet` reflects the sun into the sensor, and `glinting` is its slope (upwind, crosswind). The result includes the
-    ratio of the density of the slope model to the Gaussian density at this slope; it is 0 if the latter is 0.
+    ratio of the density of the slope model to the Gaussian density at this slope; it is 0 if the Gaussian density is 0.
     """
     series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*glinting, *setup.slope_variance)

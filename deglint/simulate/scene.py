@@ -225,7 +225,7 @@ class _World:
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance of facets (row, column) in a band: the cover where its label (`Cover.at`) is above 0, else water."""
+        """Radiance of facets (row, column) in a band: of the cover where its label is above 0, else of water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -244,8 +244,8 @@ class _World:
 class _Shot:
     """The radiance images of one setup, before noise: working data from which its `SimulatedScene` is made.
 
-    `_add_bands` fills the float32 arrays band by band: `water` (band, row, column) is the later `truth_water`, and each
-    array of `grids` (2, band, row, column) is truth and glint. Then `finished` adds noise and artefacts.
+    `_add_bands` fills the float32 arrays band by band: `water` (band, row, column) becomes `truth_water`, and each
+    array of `grids` (2, band, row, column) holds truth and glint. Then `finished` adds noise and artefacts.
     """
 
     def __init__(self, setup: Setup, workers: int) -> None:
@@ -265,7 +265,7 @@ class _Shot:
         return seen[: setup.size[0], : setup.size[1]]
 
     def digitised(self, radiance: Floats) -> Numbers:
-        """Convert radiances (band, row, column) to digital numbers with noise and artefacts; each band has a seed."""
+        """Digital numbers of radiances (band, row, column), with noise and artefacts; each band has its own seeds."""
         setup, sensor, artefacts = self.setup, self.setup.sensor, self.setup.artefacts
         seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
         gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))

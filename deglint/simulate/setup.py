@@ -26,7 +26,7 @@ LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Face
 RESOLVED_AT_MOST = 0.95
 """Largest share of the measured slope variance that waves on the grid may have; short waves are damped accordingly."""
 STRONGEST_WIND = 19.6  # largest wind at 10 m [m/s]: it is 20 m/s at 12.5 m, the limit of the slope models
-EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel]: the grid is periodic, so blur wraps
+EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel]; else blur mixes left and right edge
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
 DELAYS = (0.0, 0.010, 0.060)  # delays of `experiments` from each band to the next [s]
@@ -246,9 +246,9 @@ def experiments(
 ) -> Iterator[tuple[str, Setup]]:
     """Yield a name and a setup for every combination of wind, viewing geometry, delay between bands, and f-number.
 
-    `winds` are in [m/s], `delays` from each band to the next in [s]; `GEOMETRIES` and `F_NUMBERS` have the others. All
-    else but the seed is as in `base`. A name holds wind [m/s], delay [ms], viewing geometry [degree] and f-number.
-    Setups that differ only in delay or f-number have the same seed, and therefore the same sea.
+    `winds` are in [m/s], `delays` are from each band to the next [s]; viewing geometries are `GEOMETRIES`, f-numbers
+    `F_NUMBERS`. The seed varies, too; all other parameters are those of `base`. A name holds wind [m/s], delay [ms],
+    viewing geometry [degree] and f-number. Setups that differ only in delay or f-number have the same seed and sea.
 
     >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]
     ['wind09_delay060_view00_000_f10', 'wind09_delay060_view00_000_f30']

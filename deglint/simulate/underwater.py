@@ -31,7 +31,7 @@ class Bottom(Checked):
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share, patch : float
-        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m]; at most the size of the sea counts.
+        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m], at most that of the sea.
     """
 
     depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
@@ -153,7 +153,8 @@ def thesis_array(
     reflectances : sequence of float
         Reflectance of each column of squares [1].
     sides : sequence of float, optional
-        Side of the squares of each row [pixel], repeated to size[0] // 64 rows; default: those of 2, 4, 8, 16 that fit.
+        Side of the squares in each row [pixel], repeated if size[0] // 64 is larger; default: those of 2, 4, 8, 16 that
+        fit, or else 2.
     depth : float
         Depth of all squares [m].
 
