@@ -1,4 +1,4 @@
-"""Checks of parameters; each error message has the parameter's name, its valid range, the given value and a remedy."""
+"""Checks of parameters; each error message has the parameter's name, what is allowed, the given value and a remedy."""
 
 from collections.abc import Iterable
 from dataclasses import Field, field, fields
@@ -33,7 +33,7 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
 
 
 def check_quantity(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> None:
-    """Raise InputError if `value` is no number, NaN or outside [low, high]; the other arguments are as in `within`."""
+    """Raise InputError unless `value` is one number in [low, high] and not NaN; other arguments are as in `within`."""
     array = within(name, value, low, high, unit, remedy)
     if isinstance(value, (str, bytes)) or array.ndim or np.isnan(array):
         raise InputError(f"{name} must be a finite number, got {value!r}; give one.")
@@ -42,8 +42,9 @@ def check_quantity(name: str, value: npt.ArrayLike, low: float, high: float, uni
 def ranged(default: object, low: float, high: float, unit: str, remedy: str, **more: object) -> Any:
     """Make a field of a `Checked` dataclass whose value must be a number in [low, high], or None; NaN is not allowed.
 
-    `default` is MISSING for a required field; if it is a tuple, a value must have as many numbers. `unit` and `remedy`
-    are as in `within`. `more` is further metadata; with ``integer=True``, the value must be an integer.
+    `default` is MISSING for a required field. If `default` is a tuple, the value must have as many numbers, each in
+    [low, high]. `unit` and `remedy` are as in `within`. `more` is further metadata of the field; with
+    ``integer=True``, the value must be an integer.
     """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
@@ -69,7 +70,7 @@ class Checked:
 
 
 def _ranged_value(own: Field[Any], value: Any, default: object) -> object:
-    """Check a value of the field `own`, made by `ranged` with `default`; return it as numbers of Python, for JSON."""
+    """Check the value of a field `own` made by `ranged`; return a Python number, or a tuple if `default` is a tuple."""
     if isinstance(default, tuple):
         if np.shape(value) != np.shape(default):
             raise InputError(f"{own.name} must be {len(default)} numbers, got {value!r}; give as many.")
@@ -109,5 +110,5 @@ def day_number(day: npt.ArrayLike) -> Array:
 
 def choice(name: str, value: object, allowed: Iterable[object]) -> None:
     """Raise InputError if `value` is not in `allowed`; `name` is the name of the parameter, for the message."""
-    if value not in list(allowed):  # a dict would need a value with a hash
+    if value not in list(allowed):  # `in` a dict would fail for a value that cannot be hashed
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

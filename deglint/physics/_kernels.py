@@ -1,4 +1,4 @@
-"""Loops of `surface` and `imaging` that numba compiles; each processes some of the rows, for use with threads."""
+"""Loops of `surface` and `imaging` that numba compiles; each call processes some of the rows, for use with threads."""
 
 import math
 
@@ -9,7 +9,7 @@ ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # codes of the directional spreadi
 
 @njit(nogil=True, cache=True)
 def frequency(i: int, n: int, step: float) -> float:
-    """Signed wavenumber at index `i` of an FFT of length `n`; `step` and result [rad/m]; positive at i = n / 2."""
+    """Signed wavenumber [rad/m] at index `i` of an FFT of length `n`, by its `step` [rad/m]; positive at i = n / 2."""
     return (i if i <= n // 2 else i - n) * step
 
 
@@ -92,9 +92,9 @@ def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type:
     """Multiply the spectrum of a scene by an MTF; average the rows that sampling at the pixels maps to one frequency.
 
     `spectrum`, from a real FFT of the fine grid, is (fine rows, fine columns // 2 + 1); `out` is (rows of pixels, fine
-    columns // 2 + 1), and the result is added to its rows `first` to `last` - 1. Each factor is a pair of arrays along
-    the rows or columns of `spectrum`: frequency [cycles/pixel], and complex transfer function there without
-    diffraction. The diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
+    columns // 2 + 1), and the result is added to its rows `first` to `last` - 1. `row_factor` and `column_factor` are
+    pairs of arrays along the rows and the columns of `spectrum`: the frequency [cycles/pixel], and the complex transfer
+    function without diffraction. The diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
     """
     rows, half = out.shape
     row_frequency, row_values = row_factor

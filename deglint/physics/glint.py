@@ -48,8 +48,8 @@ def direction(zenith: ArrayLike, azimuth: ArrayLike) -> tuple[Array, Array, Arra
 def facet(sun_zenith: ArrayLike, sun_azimuth: ArrayLike, view_zenith: ArrayLike, view_azimuth: ArrayLike) -> Facet:
     """Compute the facet that reflects the sun into the sensor.
 
-    With s and v the unit vectors to the sun and to the sensor, the normal of the facet is ``h = (s + v) / |s + v|``,
-    and its slopes are ``(-h_x / h_z, -h_y / h_z)``.
+    With the unit vectors s to the sun and v to the sensor, the normal of the facet is ``h = (s + v) / |s + v|``. Its
+    slopes (east, north) are ``(-h_x / h_z, -h_y / h_z)``, where x points east, y north and z up.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def sun_glint(
     wind_from: ArrayLike,
     model: str = "cox-munk",
 ) -> Glint:
-    """Compute sun glint from angles and wind, for the solar disk at mean distance (`probability` is for any disk).
+    """Compute sun glint from angles and wind. `Glint.probability` is for the solar disk at mean distance.
 
     Parameters
     ----------

@@ -31,13 +31,14 @@ def observe(
 ) -> Floats:
     """Compute the noise-free image that the sensor takes of a scene on a grid finer than the pixels (the fine grid).
 
-    The image is (row, column), in the unit of the scene; each pixel is a blurred mean, and the mean of all is that of
-    the scene. Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
+    The image is (row, column), in the unit of the scene; the mean of its pixels is the mean of the scene.
+    Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
 
     Parameters
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
-        Spectrum from `transform` of a fine grid whose rows and columns are multiples of `factor`, columns also of 2.
+        Spectrum from `transform` of a scene on the fine grid. The numbers of rows and of columns of this grid are
+        multiples of `factor`, and the number of columns is even.
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur the image, and the wavelength [nm].
     factor : int

@@ -53,7 +53,7 @@ PRESETS: dict[str, Sensor] = {
         name="worldview3",
         bands=tuple(replace(b, full_scale=2 * b.full_scale) for b in _bands(_WORLDVIEW_BANDS)),
         gsd=1.24,
-        f_number=12.1,  # assumed, as is the pitch; `deglint.sensors` has other values, which are unverified
+        f_number=12.1,  # assumed, like the pitch; `deglint.sensors` has other, unverified values
         pitch=26.7e-6,
         bits=11,
     ),

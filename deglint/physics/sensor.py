@@ -52,7 +52,7 @@ class SensorBand(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Checked):
-    """Optics, detector and bands of a sensor. Raises InputError for a value out of range, BandError without bands.
+    """Optics, detector and bands of a sensor. Raises InputError for a value out of range, BandError if it has no band.
 
     `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length over diameter
     of the aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a digital

@@ -21,7 +21,7 @@ from . import fresnel, slopes
 from ._checks import Array, choice, sun_angle, view_angle, within
 
 SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")  # names of the sky models
-NODES = 100  # nodes of the integral of `reflectance` along each axis of slope: its relative error is below 5e-4
+NODES = 100  # number of nodes on each slope axis in the integral of `reflectance`; its relative error is below 5e-4
 _gauss_legendre = cache(np.polynomial.legendre.leggauss)  # nodes and weights of the quadrature by number of nodes
 
 
@@ -64,7 +64,7 @@ def radiance(
 
 
 def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike, *, model: str) -> Array:
-    """Radiance of the sky as in `radiance`; arguments are not checked, and the precision is that of `cosine`.
+    """Radiance of the sky as in `radiance`; arguments are not checked, and the result has the precision of `cosine`.
 
     `cosine` is the cosine of the direction's zenith angle, and `towards` the cosine of its angle to the sun.
     `sun_zenith` [degree] and `model` are as in `radiance`.

@@ -38,7 +38,7 @@ class SlopeModel:
     height: float  # reference height of the wind above the sea [m]
     upwind: tuple[float, float]  # variance of upwind slope: constant [1], and increase with wind [s/m]
     crosswind: tuple[float, float]  # variance of crosswind slope, in the same way
-    skewness: Callable[[Array], tuple[Array, Array]] | None = None  # (c21, c03) for a wind [m/s]; None: Gaussian
+    skewness: Callable[[Array], tuple[Array, Array]] | None = None  # gives c21, c03 for a wind [m/s]; None: Gaussian
     peakedness: tuple[float, float, float] = (0.0, 0.0, 0.0)  # coefficients c40 (crosswind), c22, c04 (upwind)
 
 

@@ -132,7 +132,9 @@ def day_of_year(time: Times) -> Array:
 
 
 def moment(time: Time) -> np.datetime64:
-    """Convert one time, in a form that `position` accepts, to UTC without fractions of a second; InputError for NaT.
+    """Convert one time, in a form that `position` accepts, to UTC, rounded down to seconds.
+
+    Raises InputError if the time is NaT, or if its text is not in ISO 8601 format.
 
     Examples
     --------
@@ -163,7 +165,7 @@ def _seconds(time: Times) -> Array:
 
 
 def _moment(time: str | datetime) -> datetime:
-    """Convert a datetime or ISO 8601 text to a datetime with a time zone, by default UTC; else raise InputError."""
+    """Convert a datetime or ISO 8601 text to a datetime with a time zone, by default UTC. Else raise InputError."""
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
     except (TypeError, ValueError):

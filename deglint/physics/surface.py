@@ -76,7 +76,7 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
     """Draw an array of standard normal numbers on `workers` threads; the numbers depend only on `seed` and `shape`."""
     out = np.empty(shape, np.float32)
     if isinstance(seed, np.random.SeedSequence):
-        seed = copy(seed)  # it counts what it spawns: the next call would get other numbers
+        seed = copy(seed)  # a SeedSequence counts its children: the next call would get other numbers
     children = np.random.default_rng(seed).spawn(SLABS)
     edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
 
@@ -91,9 +91,10 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
 def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0, workers: int = 1) -> Surface:
     """Draw a random sea surface.
 
-    The height is ``z = sum a(k) exp(i k x - i w t) + c.c.`` over the wavenumber vectors k of the grid, whose steps are
-    dkx and dky, with ``a = (r1 + i r2) sqrt(Psi(k) dkx dky) / 2``, standard normal r1 and r2, and the wave spectrum Psi
-    [m4], so that the expected variance of the height is exactly the sum of ``Psi dkx dky``.
+    The height at a place x and time t is ``z = sum a(k) exp(i k x - i w t) + complex conjugate``: the sum is over the
+    wavenumber vectors k of the grid, in steps dkx and dky, and w is the angular frequency. The amplitudes are
+    ``a = (r1 + i r2) sqrt(Psi(k) dkx dky) / 2``, with standard normal r1 and r2 and the wave spectrum Psi [m4]. The
+    expected variance of the height is thus exactly the sum of ``Psi dkx dky``.
     Raises InputError if the grid has fewer than 8 x 8 points, if a side of it is shorter than the peak wavelength, or
     if its step is not above 0 m, or exceeds a quarter of the peak wavelength.
 
@@ -104,14 +105,14 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     shape, spacing : (int, int), float
         Numbers of rows and columns of the grid, and its step [m].
     seed : int, SeedSequence or Generator
-        The same seed gives the same surface to the bit, for any `workers`; a Generator gives another at each call.
+        The same seed gives the same surface to the bit, for any `workers`; a Generator gives a new one at each call.
     workers : int
         Number of threads.
 
     Notes
     -----
     Waves that are longer than the grid, or not resolved by it, are absent. The significant wave height is right to a
-    few percent on a grid four peak wavelengths wide; slopes need only one. A grid point takes 25 bytes of memory.
+    few percent on a grid four peak wavelengths wide; for slopes, one is enough. A grid point takes 25 bytes of memory.
 
     References
     ----------

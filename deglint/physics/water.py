@@ -33,7 +33,7 @@ _TURNED_BACK = 0.48  # share of upwelling light that the surface reflects back i
 def deep_reflectance(water: Iops, sun_zenith: ArrayLike, view_zenith: ArrayLike, relative_azimuth: ArrayLike) -> Array:
     """Remote-sensing reflectance of deep water [1/sr].
 
-    The model is `lee_2011`. Beyond zenith angles of 75 (sun) and 70 degrees (sensor), its values there are used.
+    The model is `lee_2011`. Beyond zenith angles of 75 (sun) and 70 degrees (sensor), values at these angles are used.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def absorption_only_reflectance(
 
 
 def _object(depth: ArrayLike, reflectance: ArrayLike) -> tuple[Array, Array]:
-    """Return depth [m], 0 to 1000, and reflectance [1], 0 to 1, of an object as float64; raise InputError outside."""
+    """Return depth [m] and reflectance [1] of an object as float64; raise InputError if not in 0 to 1000 and 0 to 1."""
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     return depth, within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
 

@@ -35,7 +35,7 @@ class Sea(Checked):
     wind, wind_from, fetch : float
         Wind speed at a height of 10 m [m/s], 1 to 20; azimuth that the wind blows from [degree]; distance over which
         the wind has blown [m], which only JONSWAP uses.
-    spectrum, spreading : str, and str, optional
+    spectrum, spreading : str
         Wave spectrum, one of `Spectrum`; directional spreading, one of `Spreading`, by default "elfouhaily" for the
         spectrum of that name, else "half-angle".
     exponent, opposing, short_gain : float
@@ -77,7 +77,7 @@ class Sea(Checked):
 def omnidirectional(wavenumber: Floats, sea: Sea) -> Floats:
     """Omnidirectional spectral density of height [m3] of `sea` at wavenumbers [rad/m], with its `short_gain`.
 
-    A frequency spectrum E(f) is converted by ``S(k) = E(f) dw/dk / (2 pi)``; w(k) includes surface tension.
+    A frequency spectrum E(f) is converted by ``S(k) = E(f) dw/dk / (2 pi)``, with the result w(k) of `dispersion`.
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     if sea.spectrum == "elfouhaily":
