@@ -38,8 +38,9 @@ _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel o
 
 
 def to_wgs84(scene: Scene) -> Move | None:
-    """Make the function that converts (column, row) corners to (longitude, latitude) [degree]; None without a CRS on
-    the Earth. It raises InputError for corners outside the projection.
+    """Make the function that converts (column, row) corners to (longitude, latitude) [degree].
+    The result is None if the scene has no transform or no CRS on the Earth. The function raises InputError for corners
+    outside the projection of the CRS.
     """
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
@@ -85,8 +86,9 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, float | None]]:
     """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
-    Both are those of the nearest moving boat; None if none is within the object's size plus the way of the fastest boat
-    from first to last band. Raises InputError if `area` (of a pixel [m2]), CRS or three distinct times are unknown.
+    Both are those of the nearest moving boat. They are None if no boat is nearer than the size of the object plus the
+    distance that the fastest boat covers from the first to the last band. Raises InputError if `area` (of a pixel
+    [m2]), the CRS, or three different times are not known.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)

@@ -21,7 +21,7 @@ from .plan import Plan
 from .recipe import Outputs
 
 Places = tuple[Int64, Int64, Array]  # rows, columns and scores of pixels, in row-major order
-CANDIDATES = 0.04  # for "sea", this fraction of the scores, the highest, is kept; fewer pixels are in candidates
+CANDIDATES = 0.04  # fraction of the scores, the highest, that is kept for "sea"; the pixels of candidates are fewer
 _UNKNOWN_PIERS = 3
 """Number that is added to the rank of an object alongside a quay, to estimate its false-alarm rate: all objects up to
 its rank may be false, and even if none is known to be false, there may be up to this many (95 % confidence)."""
@@ -116,8 +116,8 @@ class Marker:
 
     def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
         """Objects alongside quays that exceed the threshold and the limit of large objects (`Clutter.large`).
-        `afloat` is the number of other objects. The limit of false objects per km2 is that at the threshold if its
-        method is "peaks", else `afloat` divided by the area.
+        `afloat` is the number of other objects. Objects are left out if their number of false objects per km2 is above
+        that of the threshold (method "peaks"), or above `afloat` divided by the area (other methods).
         """
         clutter = self._clutter
         dimmest = max(threshold.value, clutter.large[1])  # quays and clutter are dimmer than this

@@ -47,9 +47,10 @@ UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
 class Plan:
     """The plan of a run: what the options of a recipe mean for one scene.
 
-    `bands` are 0-based bands of the scene; `nir`, for `Method.nir`, are indexes in `bands`. The background is fitted to
-    the pixels to score inside `area` (None: everywhere), or is `given`, a saved background. The fitted `background`,
-    detector (`ready`) and `model` (of "sea") are None before `fitted`, and for methods that do not use them.
+    `bands` are 0-based bands of the scene; `nir`, for detectors with `Method.nir`, are indexes in `bands`. The
+    background is fitted to the pixels to score inside `area` (None: everywhere), or is `given`, a saved background.
+    `background`, `ready` (the detector) and `model` (of "sea") are None before the function `fitted` sets them, and for
+    methods that do not use them.
     """
 
     scene: Scene
@@ -83,7 +84,7 @@ class Plan:
 
     @property
     def unbiased(self) -> float:
-        """Ratio of the scores to those of a covariance with the divisor n - 1, which follow F with `law`."""
+        """Ratio of the scores to scores by a covariance with the divisor n - 1; only the latter follow F with `law`."""
         return 1.0 if self.window is None else (self.window.pixels - self.window.ddof) / (self.window.pixels - 1)
 
     @property
@@ -112,7 +113,7 @@ def make_plan(
 ) -> Plan:
     """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`.
 
-    If `single`, or if a background is given, "auto" takes no "sea", which has no background of the whole scene.
+    If `single`, or if a background is given, "auto" does not select "sea", which has no such background.
     """
     recipe, mask, sea_mask, why = _chosen(scene, recipe, threads, single or given is not None)
     notes = [why] if why else []
@@ -185,7 +186,7 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
     """0-based bands to use: those of `given`, a saved background, in its order; else `recipe.bands`, or the default.
 
-    By default "sea" uses the visible bands if two are known, else all. BandError if `recipe.bands` differ from `given`.
+    By default "sea" uses the visible bands if two are known, else all. Raises BandError if `given` has other bands.
     """
     own = tuple(scene.index(name) for name in given.names) if given else ()
     bands = own or tuple(range(len(scene.bands)))
@@ -223,7 +224,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
-    """Detector to use in place of "sea", and why; "" if "sea" is possible. `single` is as in `make_plan`."""
+    """Detector to use in place of "sea", and the reason: "" if "sea" is possible. `single` is as in `make_plan`."""
     bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
     others = {option: name for name, kind in DETECTORS.items() if name != "sea" for option in kind.options}
     for name, method in (others | {"background": "rx", "covariance": "rx"}).items():
@@ -245,9 +246,10 @@ def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
 
 
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
-    """Rule that finds the water, and its bands, from the sidecar of `deglint remove`; None without one for band `nir`.
+    """Read the rule that finds the water, and the bands that it needs, from the sidecar of `deglint remove`.
 
-    The rule was made for uncorrected visible bands, but depends mostly on the NIR, which the removal has copied.
+    The result is None if the scene has no such sidecar, if the rule uses another NIR band than `nir`, or if it found no
+    water. The rule was made for uncorrected visible bands, but depends mostly on the NIR, which the removal has copied.
     """
     _roles, bands = roles_of(scene, nir)
     try:
@@ -261,7 +263,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
 
 
 def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
-    """Fit background and detector of a plan, or for "sea" its model; `run` processes tiles (threads or a cluster)."""
+    """Fit the background and the detector of a plan, or its model for "sea"; `run` is as in `fit_background`."""
     if plan.sea is not None:
         model = _fit_sea(plan, plan.sea)
         return replace(plan, model=model, glint=plan.glint if model.glint else ())

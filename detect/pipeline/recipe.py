@@ -26,15 +26,15 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `global_rx.DETECTORS`, or "auto". If an option that "sea" lacks is set, "auto" is the one that has it.
-        It is "rx" for `threshold` "f" or "chi2", p-values, a background to save, over 16 bands, under 100 pixels, or no
-        water (searched for only with the `mask` "auto" or "water"). Otherwise it is "sea".
+        A key of `global_rx.DETECTORS`, or "auto". If an option that "sea" lacks is set, "auto" selects the method that
+        has it. It selects "rx" for `threshold` "f" or "chi2", p-values, a background to save, over 16 bands, under 100
+        pixels, or no water (searched for only with the `mask` "auto" or "water"). Otherwise it selects "sea".
     window : (int, int)
         For "local": sides of the guard, and of the window around it [pixel].
     border, ddof : str, int
         For "local": as in `detect.local.local_rx`.
     covariance, ridge : str, float
-        As in `detect.background.fit`; without a background for the whole scene, as in `global_rx.Method`.
+        As in `detect.background.fit`; for "sea", "lines" and "local" see `global_rx.Method.covariances`.
     background : str
         Pixels to compare with: "" (all valid ones in the mask), a GeoJSON file, raster, window, or saved background.
     bands, nir : tuple of str
@@ -126,7 +126,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 class Outputs:
     """Output files of `score_file`, and options for writing them."""
 
-    image: Path  # the scores; the sidecar is this with ".json" appended
+    image: Path  # raster of scores; the path of the sidecar has ".json" appended
     p_value: Path | None = None  # raster of p-values
     flags: Path | None = None  # raster of flags, the bits of `detect.pipeline.scoring.MEANINGS`
     objects: Path | None = None  # detected objects, GeoJSON or GeoPackage

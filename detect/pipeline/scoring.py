@@ -76,7 +76,7 @@ class Scoring:
     lines: LineScorer = field(default_factory=LineScorer)
 
     def __call__(self, tile: Tile) -> Scored:
-        """Read a tile, score it, and count its pixels."""
+        """Read a tile, score and flag it, and count its pixels."""
         plan = self.plan
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
         if plan.sea is not None and plan.model is not None:

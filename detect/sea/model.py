@@ -4,9 +4,9 @@ At every scale s, y is the mean of each band over s x s pixels of the sea, so th
 the scales. For each band, m and v are the means of the water and of (y - m)^2 in a large window around the pixel, z is
 (y - m) / sqrt(v), and R the correlation matrix of z over the water. The distance is sqrt(z' R^-1 z). It is normalised
 by the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales,
-in the unit of the distance at the smallest scale, and is divided by `GlintScale` if there is one. Pixels of water with
-a large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and the
-statistics are computed again.
+in the unit of the distance at the smallest scale, and is divided as `GlintScale` says, if there is one. Pixels of water
+with a large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
+the statistics are computed again.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,13 @@ from ..covariance import whitener
 from .region import RIM, WATER, Classes
 
 SIDES = ("bright", "both")  # anomalies: only pixels brighter than the water around them, or also darker ones
-SEA_WINDOW = 51  # side of the window of local statistics [pixel]: spans several ships; 31, 101 find fewer in real ports
+SEA_WINDOW = 51  # side of the window of local statistics [pixel]: spans several ships; 31 and 101 find fewer in ports
 SCALES = (1,)  # sides of the averaging windows [pixel], for pixels as large as a boat: larger windows dilute the boat
 _FINE_SCALES = (1, 3, 5)  # the same where pixels are smaller than an object: sparkle is averaged out
 _FINE_PIXEL = 5.0  # pixels with a shorter side are smaller than a boat [m]; submerged (dark) objects are searched, too
 LEAST_WATER = 100  # minimum number of pixels of water for the statistics
 _ROUNDS = 3  # number of times that the statistics are computed
-_CUT = 6.0  # pixels above this multiple of the median distance are not in statistics: 1e-11 of normal ones (2 bands)
+_CUT = 6.0  # pixels above this multiple of the median distance are not in statistics: 1e-11 of normal water (2 bands)
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
 _FLOOR = 0.1  # smallest local variance, relative to the variance of the whole sea: limits scores in smooth patches
 _FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
@@ -48,11 +48,12 @@ Blocks = Sequence[tuple[Array, Classes]]  # parts of a scene, (band, row, column
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Divisors of scores, one for each class of NIR brightness: usual score of its water, divided by that of all water.
+    """Divisors of scores, one for each class of NIR brightness.
 
-    The usual score is the 75 % quantile. It grows with residual glint, a heavy-tailed noise. After division, the scores
-    of water are similar everywhere, and a submerged object is found where the glint above it is weak. Floating objects
-    are themselves bright in the NIR, so the divisor is constant above the 90 % quantile of the NIR.
+    The divisor is the usual score of the water in the class, divided by the usual score of all water. The usual score
+    is the 75 % quantile. It grows with residual glint, a heavy-tailed noise. After division, the scores of water are
+    similar everywhere, and a submerged object is found where the glint above it is weak. Floating objects are
+    themselves bright in the NIR, so the divisor is constant above the 90 % quantile of the NIR.
     """
 
     centre: Float64  # (band,): median of the NIR over water
@@ -63,7 +64,7 @@ class GlintScale:
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
-        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side` is the attribute."""
+        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side` is the field."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
         flat = cls(centre, spread, side, np.zeros(1), np.ones(1))
@@ -179,14 +180,14 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 class _Block:
     """A block `x` in robust standard deviations, (band, row, column), its `means` at every scale, and its masks.
 
-    Masks: `sea`: water and objects; `water`: water and rim; `dim`: `water` with means at the largest scale within +-30.
+    Masks: `sea`: water, rim, objects; `water`: water, rim; `dim`: `water` with means (largest scale) within +-30.
     """
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
         self.sea = (classes > 0) & valid
         self.water = ((classes == WATER) | (classes == RIM)) & valid
-        with np.errstate(over="ignore"):  # in float64: float32 cannot tell large values of one size apart
+        with np.errstate(over="ignore"):  # in float64: float32 cannot distinguish large, similar values
             x = np.subtract(block, model.centre[:, None, None], dtype=np.float64) / model.spread[:, None, None]
         self.x = x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
         count = {s: np.maximum(box_sum(self.sea.astype(np.float32), s), 1) for s in model.scales}
@@ -211,7 +212,7 @@ class _Block:
         return out
 
     def typical(self, used: Mask, model: SeaModel) -> Mask:
-        """`water` without 5 x 5 pixels around each large Mahalanobis distance (largest scale, statistics of `used`)."""
+        """`water` without 5 x 5 pixels around each pixel that is far from the water `used` at the largest scale."""
         z = self.standardised(used, model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         return self.water & ~grown(far, 5)
@@ -241,7 +242,7 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 def _learn(parts: Sequence[_Block], used: Sequence[Mask], water: Sequence[Mask], model: SeaModel) -> SeaModel:
     """Return the model with statistics of pixels in the masks `used`: variance and whitening matrix at every scale.
 
-    It also has, at every scale, the 99.9 % quantile of the distance in `water`, and its median in water and rim.
+    It also has at every scale the 99.9 % quantile of the distance in `water`, and its median in water and rim.
     """
     variance = np.zeros_like(model.variance)
     total = max(sum(int(u.sum()) for u in used), 1)

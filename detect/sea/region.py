@@ -3,7 +3,8 @@
 A water mask has a hole where a ship is. A hole that is no larger than the largest ship belongs to the sea. A ship
 alongside a quay makes a protrusion of the land, not a hole. Directional morphological openings find protrusions that
 are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers.
-Protrusions with land at both ends (bridges, sandbars, turbid water) are ignored. Holes next to land count as clutter.
+Protrusions with land at both ends and water at both sides (bridges, sandbars, turbid water) are ignored. Holes next to
+land count as clutter.
 """
 
 import math
@@ -31,7 +32,7 @@ _CONTINUED = (0.5, 0.25)
 """A part is a piece of longer land if the fraction of land is at least the first value at each end, and at most the
 second at each side. Bends and mixed pixels lower the fraction at the ends; land at a side is a quay."""
 _DIRECTIONS = 12
-"""Directions in the search for ships alongside: a hull 8 times as long as wide tolerates a deviation of 7.5 degrees."""
+"""Number of directions in the search for ships: a hull 8 times as long as wide tolerates a deviation of 7.5 degrees."""
 _HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 
 
@@ -68,7 +69,7 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
 
     WATER is open water, RIM is water next to land. AFLOAT are holes that a ship may fill, ATTACHED are such holes next
     to land or the edge of the image, and ALONGSIDE are protrusions of land with the shape of a ship. The rest is
-    NOT_SEA. Pixels that are not `valid` are neither water nor land.
+    NOT_SEA. Pixels that are neither in `water` nor `valid` are not land.
     """
     water = np.asarray(water, np.bool_)
     land = ~water if valid is None else ~water & valid
@@ -130,9 +131,11 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Array, Array, list[tuple[int, float, float]]]:
-    """Label the connected parts of a mask; list those up to `length` + 1 by `width` + 1 and `length` * `width` pixels.
+    """Label the connected parts of a mask, and list the small ones.
 
-    Returns labels, (row, column), statistics as OpenCV computes them, (label, 5), and a list of (label, length, width).
+    A part is small if its smallest rectangle is at most `length` + 1 by `width` + 1 pixels, and it has at most `length`
+    * `width` pixels. Returns labels, (row, column), statistics as OpenCV computes them, (label, 5), and the list of
+    small parts: (label, length and width of the rectangle).
     """
     import cv2
 
@@ -163,7 +166,8 @@ def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
 def _continued(around: Mask, own: Mask) -> bool:
     """Whether a part of land has land at both ends and water at both sides. A ship has a free end, or a quay at a side.
 
-    `own` is the mask of the part in its bounding box, `around` that of all land, `_ATTACHED_WITHIN` pixels wider.
+    `own` is the mask of the part in its bounding box, `around` is the mask of all land in this box,
+    enlarged by `_ATTACHED_WITHIN` pixels on each side.
     """
     inside = np.pad(own, _ATTACHED_WITHIN)
     ring = grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside

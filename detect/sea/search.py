@@ -22,7 +22,7 @@ from ..threshold import Tail, Threshold, excess_at, fit_pareto, from_tail, survi
 from .model import SeaModel, fit, score
 from .region import ALONGSIDE, ATTACHED, ELONGATION, Classes, SeaRule, hull, rectangle, region
 
-LOW = 1.5  # candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea
+LOW = 1.5  # candidates exceed this multiple of the 90 % score quantile of water, as 1 to 3 % of the sea do
 _CONFIRMED = (9.0, 3.0)
 """A confirmed object has a peak above this multiple of the 90 % quantile of water. The first is for coarse pixels,
 where wakes and clouds reach half of it; the second is for pixels smaller than a boat."""
@@ -57,7 +57,7 @@ class Clutter:
     area: float  # area of the searched sea [km2]; NaN where the size of a pixel is not known
     confirmed: int  # number of confirmed objects
     confirmed_pixels: int  # number of their pixels
-    shape: float  # shape of the distribution [1]; NaN where there are too few peaks, or all are equal
+    shape: float  # shape of the distribution [1]; NaN where no distribution could be fitted
     scale: float  # scale of the distribution [unit of the scores]
     large: tuple[int, float] = (1, math.inf)  # large objects have at least so many pixels, and exceed this score
     large_share: float = 1.0  # (n + 1) / (all + 1): n of all unconfirmed candidates have at least `large[0]` pixels
@@ -116,7 +116,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
     `tail` holds the highest scores of the searched sea; `area` is its area [km2]. Candidates are connected pixels above
     `LOW` times `q90`, the 90 % quantile of the score over water; large, bright ones are confirmed (see `_CONFIRMED`,
-    `_LARGE_OBJECTS`, `_BODY`). `fine`: pixels are smaller than a boat. If not, round candidates are no clutter.
+    `_LARGE_OBJECTS`, `_BODY`). `fine`: whether pixels are smaller than a boat. If not, round candidates are no clutter.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
