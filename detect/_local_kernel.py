@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Set out[k] to the sum of values[k + m * step] for 0 <= m < width; the last (width - 1) * step are not valid."""
+    """Set out[k] to the sum of values[k + m * step] for 0 <= m < width; not valid for the last (width - 1) * step k."""
     done, span = 0, 1  # all arrays, (n,), are overwritten; `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
         if width & span:
@@ -41,7 +41,8 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
     x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands, 0 where not valid
     inner, bar : side of the guard, and width of the bars around it [pixel]
-    out : (pairs, rows, columns), in the order (0, 0), (1, 0), (1, 1), ...; `inner` + 2 `bar` - 1 fewer rows and columns
+    out : (pairs, rows, columns), in the order (0, 0), (1, 0), (1, 1), ... of (i, j); it has `inner` + 2 `bar` - 1
+        rows and columns fewer than x
     """
     width, size = x.shape[2], x[0].size
     values, again, spare, level = np.empty(size), np.empty(size), np.empty(size), np.empty(size)

@@ -65,7 +65,7 @@ class Background:
         return len(estimates.whitener(self.covariance))
 
     def numbers(self) -> dict[str, object]:
-        """Version of the format ("background"), all fields and the rank, as numbers, strings and lists for JSON."""
+        """All fields, the rank, and the version of the format (key "background"), as values for JSON."""
         shown = ("names", "rule", "shrinkage", "n", "rank", "mean", "rest", "covariance")
         return {"background": 1} | {name: np.asarray(getattr(self, name)).tolist() for name in shown}
 
@@ -206,7 +206,7 @@ def fit(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """N, if the estimator `covariance` needs a sample of one in N of a background's `pixels`; 0 if it needs none."""
+    """Return N if the estimator `covariance` needs a sample of one in N of `pixels` pixels; 0 if it needs no sample."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 

@@ -55,7 +55,7 @@ def shrunk(covariance: Float64, shrinkage: float) -> Float64:
 
 
 def oas_shrinkage(covariance: Float64, n: int) -> float:
-    """Oracle-approximating weight for `shrunk`, from n pixels (Chen et al. 2010, eq. 23, without its terms 2 / p)."""
+    """Oracle-approximating weight for `shrunk`, from n pixels (Chen et al. 2010, eq. 23, without 2 / p for p bands)."""
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
     if p < 2:
@@ -126,7 +126,7 @@ def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
 def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
     """Refit a mean and covariance to the `count` pixels nearest to the mean, until the determinant stops decreasing.
 
-    Bands of `x`, (pixels, bands), have median 0 and robust deviation 1. Returns mean, covariance, its log determinant.
+    Bands of `x`, (pixels, bands), have median 0 and robust deviation 1. Returns mean, covariance and log determinant.
     """
     before = np.inf
     for _ in range(_STEPS):

@@ -27,8 +27,8 @@ from .background import RIDGE, Background, as_image, as_mask, fit
 from .covariance import TOLERANCE, whitener
 
 Given = Background | Mask | None  # a fitted background, or the pixels to which one is fitted; None: all of them
-_CHUNK = 1024  # number of pixels that are scored at a time, up to 8 times as many for few bands: they fit in the cache
-_PRODUCTS = 1 << 18  # multiplications in one matrix product, for up to 16 bands: OpenBLAS starts no threads for so few
+_CHUNK = 1024  # number of pixels that are scored at a time (for few bands up to 8 times as many): they fit in the cache
+_PRODUCTS = 1 << 18  # multiplications in a matrix product for up to 16 bands: so few that OpenBLAS starts no threads
 _STRIP_PIXELS = 1 << 19  # number of pixels that a thread scores at a time
 _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 """Tolerated error of the mean [standard deviation], for each type of the scores."""
@@ -47,7 +47,7 @@ class Method:
     law: bool = False  # whether scores over a normal background follow F or chi-squared
     invariant: bool = False  # whether a removal that subtracts multiples of NIR bands in use changes no score
     nir: bool = False  # whether `matrices` needs the NIR bands
-    options: tuple[str, ...] = ()  # fields of a recipe that others do not take
+    options: tuple[str, ...] = ()  # fields of a recipe that only this detector uses
     covariances: tuple[str, ...] = ("empirical",)  # estimators that a detector without `matrices` accepts
 
 
@@ -67,7 +67,7 @@ class Detector:
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
     """Make a detector from a background; `method` is a key of `DETECTORS` that has `matrices`.
 
-    "subspace" leaves out `drop` leading eigenvectors; "residual" regresses other bands on the bands `nir` (0-based).
+    "subspace" leaves out `drop` leading eigenvectors; "residual" regresses the other bands on the bands `nir`, 0-based.
     Raises InputError if `method`, `drop` or `nir` is not allowed, and FitError if no band of the background varies.
     """
     known = {name: kind.matrices for name, kind in DETECTORS.items() if kind.matrices}
@@ -79,7 +79,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
 
 
 def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
-    """Scores, (row, column), of a block, (band, row, column); NaN where it is not finite, or outside the mask."""
+    """Scores, (row, column), of a block, (band, row, column); NaN where a band is not finite, or outside the mask."""
     image = np.asarray(image)
     if len(image) != len(detector.mean):
         raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same bands.")
@@ -123,7 +123,7 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
 
 
 def _uniform(background: Background, whiten: Float64, *_: Any) -> tuple[Float64, Float64]:
-    """No whitening, and weights of the bands, (bands,): the score is the sum of weight * (x - mean).
+    """Empty whitening matrix, and weights of the bands, (bands,): the score is the sum of weight * (x - mean).
     The weights are C^-1 (u - mean), where C is the covariance, and the target spectrum u is 1 in all bands.
     """
     return whiten[:0], np.asarray(whiten.T @ (whiten @ (1 - background.mean)))

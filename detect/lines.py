@@ -48,7 +48,7 @@ class LineScorer:
         self._mean, self._second = np.zeros(0), np.zeros((0, 0))
 
     def score(self, line: npt.ArrayLike) -> Float32:
-        """Score a line: squared Mahalanobis distance from the lines before. Then average it in, without high scores.
+        """Score a line relative to the lines before; then add it to the averages, except pixels with high scores.
 
         Parameters
         ----------
@@ -58,7 +58,7 @@ class LineScorer:
         Returns
         -------
         (column,) ndarray of float32
-            NaN where not valid, and in the first lines, until the averages contain 4 pixels per band.
+            Squared Mahalanobis distances. NaN where not valid, and until the averages contain 4 pixels per band.
 
         Raises
         ------

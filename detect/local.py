@@ -101,7 +101,7 @@ def local_rx(
     -------
     (row, column) ndarray
         float64 for a float64 image, else float32. NaN where the pixel is not valid, or its ring has fewer than 2 valid
-        pixels or not more than ddof.
+        pixels, or at most ddof.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, rule: WindowRule, cell: Ti
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
-    """Array x for `ring_moments`, of `cell` and its halo: a layer of 1, then bands minus medians; 0 where not valid."""
+    """Array x for `ring_moments`, of `cell` and its halo: a layer of ones, then bands minus medians; 0 if not valid."""
     seen = cell.grown(rule.halo, *rule.size)
     above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
     beyond = ((0, 0), (above, below), (left, right))

@@ -56,9 +56,9 @@ def find_moving(
 
     `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], and `water`, (row,
     column), is the mask of the pixels to search (default: all). The result is in order of descending contrast. It is
-    empty if so many places have a high contrast that some fit a motion by chance. Raises InputError if `image`
-    is not (band, row, column) with a delay for each band, the mask has another shape, fewer than three delays differ,
-    or `pixel` is not above 0 m.
+    empty if a band has no detection, or so many that some fit a motion by chance. Raises InputError if `image` is not
+    (band, row, column) with a delay for each band, the mask has another shape, fewer than three delays differ, or
+    `pixel` is not above 0 m.
     """
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
@@ -96,7 +96,7 @@ def _peaks(contrasts: Float32, sea: Mask) -> Float64:
 def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:
     """Find the uniform motion from the detection `start` of the band `first` that fits detections in all bands best.
 
-    `places`: detections by band (`_peaks`); `times` [s]; `pixel` [m]. None if no motion fits or it is too fast or slow.
+    `places`: `_peaks` by band; `times` [s]; `pixel` [m]. None if no motion fits, or the best one is too fast or slow.
     """
     last = int(np.argmax(times))
     span = float(times[last] - times[first])

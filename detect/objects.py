@@ -123,7 +123,7 @@ def find_among(
     pixel_area: float | None = None,
     above: float = -math.inf,
 ) -> list[Object]:
-    """As `find`, from the rows, columns and scores of some pixels, (pixels,) each, in place of arrays of the scene.
+    """As `find`, for pixels given by their rows, columns and scores, (pixels,) each, instead of arrays of the scene.
 
     The pixels are in row-major order. Pixels with a score greater than `above` are the detected pixels of the objects.
     The other pixels only connect the parts of an object, and count for its `score_top`.

@@ -22,7 +22,7 @@ from deglint.errors import FitError, InputError
 
 from .arrays import Array, Float64
 
-THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # fit to the tail, rank of a score, laws of a normal background
+THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # by a fit to the tail, by rank, by two laws for a normal background
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50  # minimum number of scores that a distribution is fitted to
 _TAIL = 0.01  # fraction of the scores that a distribution is fitted to; larger for high rates and for few scores
@@ -103,7 +103,7 @@ class Threshold:
     n : int
         Number of scores; for "f" the number of pixels from which mean and covariance are computed; 0 for "chi2".
     standard_error : float or None
-        Standard error of `value` ("gpd" only) for independent scores: too low, as neighbouring pixels are correlated.
+        Standard error of `value` ("gpd" only) if scores were independent; as neighbours are correlated, it is too low.
     numbers : mapping
         Parameters and quality of the fit ("gpd" only), by name.
     notes : tuple of str
@@ -177,7 +177,7 @@ def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by rank: the lowest score that is exceeded by at most the fraction `pfa` of all scores.
 
-    Raises InputError if `pfa` is outside 0 to 1, a score is infinite, or too few are valid (below 1 / `pfa`) or kept.
+    Raises InputError if `pfa` is outside 0 to 1, a score is infinite, fewer than 1 / `pfa` are valid, or too few kept.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -196,8 +196,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by `from_gpd`, or by `from_quantile` if the distribution cannot be fitted or the tail contains objects.
 
-    A fitted shape of 1 or more (no mean exists) shows that the tail contains objects; yet the fit is kept if fewer than
-    10 scores exceed the quantile. Raises InputError as `from_gpd` does, and, if the quantile is used, `from_quantile`.
+    A fitted shape of 1 or more (no mean exists) shows that the tail contains objects. Even then, the fit is kept if the
+    rate means fewer than 10 scores. Raises InputError where `from_gpd` does, or `from_quantile` if that is used.
     """
     try:
         found = from_gpd(scores, pfa)
@@ -217,7 +217,8 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     scale are maximum-likelihood estimates (Grimshaw 1993). The threshold is u + scale/shape ((n pfa / k)^(-shape) - 1);
     its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `Threshold.numbers` holds the
     parameters and the Kolmogorov distance of distribution and scores. Raises InputError if no score is valid, one is
-    infinite, or `pfa` is out of range; FitError if too few scores differ, the tail ends abruptly or a value overflows.
+    infinite, or `pfa` is outside 0 to k / n; FitError if too few scores differ, the tail ends abruptly or a value
+    overflows.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -298,13 +299,13 @@ def survival(excess: Float64, shape: float, scale: float) -> Float64:
 
 
 def excess_at(ratio: float, shape: float, scale: float) -> float:
-    """Excess (score minus start of the tail) that a fraction 1 / `ratio` of a generalised Pareto tail exceeds."""
+    """Excess (score minus start of the tail) exceeded by the fraction 1 / `ratio` of a generalised Pareto tail."""
     log = math.log(ratio)
     return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
 
 
 def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
-    """Standard error of the threshold of `from_gpd` (delta method; Coles, eq. 4.15), if k of n scores are fitted."""
+    """Standard error of the threshold of `from_gpd` (delta method; Coles, eq. 4.15), for k of n scores in the tail."""
     ratio = k / n / pfa
     power, log = ratio**shape, math.log(ratio)
     by_fraction = scale * power * n / k

@@ -39,7 +39,10 @@ def fit(
     nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:
-    """Fit the background of a DataArray now; lazy chunks may be computed repeatedly. Parameters are as in `score`."""
+    """Fit the background of a DataArray now; lazy chunks may be computed repeatedly. Parameters are as in `score`.
+
+    Raises InputError for a method that has a background of its own for every pixel, such as "local".
+    """
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
@@ -68,9 +71,10 @@ def score(
     recipe : Recipe or str
         Options of the detection, or the name of a method, not "lines"; options of thresholds and objects are ignored.
     background : Background, optional
-        A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With it, a
-        lazy array is not read now (unless for the mask "water"), nor searched for nodata: declare it, or pass `nodata`.
-        Not for a method that has a background of its own for every pixel, such as "local"; "auto" selects "rx".
+        A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With a given
+        background, a lazy array is not read now (unless the mask is "water"), and not searched for nodata: declare its
+        nodata value, or pass `nodata`; "auto" then selects "rx". A method that has a background of its own for every
+        pixel, such as "local", accepts none.
 
     Returns
     -------

@@ -125,7 +125,7 @@ def overview(results: Results) -> Table:
 
 
 def by_condition(results: Results) -> Table:
-    """Table of the error of the same images in every condition (wind and delay between bands)."""
+    """Table of the error of the raw image, every removal and noise only, in every condition (wind and delay)."""
     rows = [
         (name, *(short(results.error(condition, name).value) for condition in results.conditions))
         for name in (RAW, *results.used, LIMIT)

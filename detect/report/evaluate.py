@@ -56,7 +56,7 @@ class Inputs:
     objects: Int32  # number of the object of each pixel, 0 for background
     valid: Mask  # valid in every score raster and in the truth, and inside the mask
     left_out: dict[str, int]  # number of pixels that are not valid, by reason; a pixel may have several reasons
-    grid: Scene  # the first score raster
+    grid: Scene  # the first score raster, which defines the grid
     notes: tuple[str, ...]
 
 
@@ -183,7 +183,7 @@ def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Number, from 1, of the last GeoJSON feature on each pixel's centre, (row, column), or 0. Adds to `notes`."""
+    """Number, from 1, of the last GeoJSON feature on each pixel's centre, else 0, (row, column); adds to `notes`."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]

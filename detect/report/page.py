@@ -210,7 +210,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
 
 
 def chips(d: Judged, found: Evaluation) -> Figure:
-    """Plot the scores of a detector around each of its highest false alarms, with number and score as title."""
+    """Plot the scores of a detector around each of its worst false alarms, with number and score as title."""
     figure, _none = new_figure(5.0, 1.7 * -(-len(d.worst) // 3), panels=0)
     low, high = np.percentile(d.scores[found.inputs.valid], [50, 99.9])
     for number, (alarm, said) in enumerate(zip(d.worst, d.numbers["worst_false_alarms"], strict=True), start=1):

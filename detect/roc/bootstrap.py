@@ -26,7 +26,7 @@ from .curve import Roc, usable
 _LEVELS = 1024  # maximum number of distinct target scores that are levels
 _FEW_PIECES = 10  # number of objects, or of blocks, below which a note says that intervals are too narrow
 _LEVEL = 0.95  # confidence level of the intervals
-_DRAWS_AT_A_TIME = 100  # this limits the memory
+_DRAWS_AT_A_TIME = 100  # number of draws that are computed at a time: it limits the memory
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from ..arrays import Array, Float64, Int32, Int64, Mask
 from ..objects import Object, find, label
 from .curve import Roc, usable
 
-RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)  # Pfa of operating points; those below 1 / background pixels are left out
+RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)  # Pfa of operating points; those below 1 background pixel are left out
 _MOST_THRESHOLDS = 40  # maximum number of thresholds of an `ObjectCurve` that are scores of objects
 _HIGHEST = np.iinfo(np.int32).max  # largest number of an object
 
