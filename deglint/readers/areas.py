@@ -81,8 +81,9 @@ def _in_raster(source: RasterSource, window: Window) -> Mask:
 def open_area(text: str, scene: Scene, option: str) -> Area:
     """The area that a user gives as `text`: the name of a GeoJSON file or mask raster (0: outside), or a window.
 
-    A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is for messages. Raises
-    ReadError if a file cannot be read, InputError if `text` is not valid, off the scene, or empty (mask: NoWaterError).
+    A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. Messages name the option `option`.
+    Raises ReadError if a file cannot be read. Raises InputError if `text` is not valid, if the area lies off the scene,
+    or if it contains no pixel of the scene (for the option --mask, the last is a NoWaterError).
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -112,10 +113,11 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
-    """The area of the polygons in a GeoJSON document from file `name`. InputError if one is not valid or none exists.
+    """The area of the polygons in the GeoJSON file `name`, which holds `document`.
 
-    The document's member `crs` names their CRS. Without it, they are in longitude and latitude (RFC 7946), or in the
-    scene's CRS if an |x| exceeds 360 or a |y| 90. If the scene has no CRS, they are in its map or pixel coordinates.
+    The member `crs` of the document names the CRS of the coordinates. Without it, they are longitude and latitude (RFC
+    7946), or in the scene's CRS if an |x| exceeds 360 or a |y| exceeds 90. If the scene has no CRS, they are its map
+    coordinates (pixels if it has no transform). Raises InputError if no polygon exists, or one is not valid.
     """
     from rasterio.warp import transform_geom
 
@@ -147,7 +149,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> Float64:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, object]]:
-    """GeoJSON polygons of True pixels of a mask, in the scene's CRS; its first pixel is at `origin` (row, column)."""
+    """GeoJSON polygons of the True pixels of a mask, in the scene's CRS; the mask starts at `origin` (row, column)."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
@@ -157,7 +159,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
 
 
 def collection(features: Sequence[Mapping[str, object]], scene: Scene) -> dict[str, object]:
-    """A GeoJSON FeatureCollection of features in the scene's CRS, which its member `crs` names if it has a code."""
+    """A GeoJSON FeatureCollection of features in the scene's CRS; if the CRS has a code, the member `crs` names it."""
     document: dict[str, object] = {"type": "FeatureCollection", "features": list(features)}
     authority = scene.crs.to_authority() if scene.crs is not None else None
     if authority:
@@ -199,7 +201,7 @@ def _polygons(document: object, name: str) -> Iterator[dict[str, Any]]:
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
-    """The CRS that the GeoJSON file `name` states, else WGS 84 longitude, latitude. Raises InputError if unknown."""
+    """The CRS that the GeoJSON file `name` states; by default longitude, latitude. InputError if the CRS is unknown."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
@@ -229,7 +231,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
 
 
 def middle_of(path: str) -> tuple[float, float]:
-    """Latitude, longitude [degree] of the centre of a raster or of a GeoJSON file's bounding box, else InputError."""
+    """Latitude, longitude [degree] of the centre of a raster or GeoJSON bounding box. InputError if it is not known."""
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):

@@ -30,7 +30,7 @@ BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
 _SCALE_NAMES, _OFFSET_NAMES = ("scale_factor", "scales"), ("add_offset", "offsets")
 PER_BAND = dict.fromkeys(_NODATA_NAMES, np.nan) | dict.fromkeys(_SCALE_NAMES, 1.0) | dict.fromkeys(_OFFSET_NAMES, 0.0)
-"""Attributes that may have one entry per band, and the entry of a band without one."""
+"""Attributes that may have one entry per band; for each, the value that is assumed if the attribute is missing."""
 _EVENLY_SPACED = 0.1  # allowed difference between coordinates and those of a regular grid [pixel]
 _CLOSE = 1e-3  # allowed difference between coordinates and a declared transform [pixel]
 
@@ -63,7 +63,9 @@ class ArrayScene:
 
 
 def open_array(array: "DataArray", *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
-    """Open a DataArray as a scene; no pixel is computed. Raises InputError or BandError if it or `sensor` does not fit.
+    """Open a DataArray as a scene; no pixel is computed.
+
+    Raises InputError if an argument is not valid, and BandError if the bands do not match those of `sensor`.
 
     array : its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any
         order; other dimensions, such as time, have the size 1. Wavelengths (in um if at most 30, else in nm) or common
@@ -92,7 +94,7 @@ def open_array(array: "DataArray", *, sensor: str | None = None, nodata: float |
 
 
 def axes(array: "DataArray") -> tuple[Hashable, Hashable, Hashable]:
-    """Names of a DataArray's dimensions of rows, columns and bands (or None). InputError without rows or columns."""
+    """Names of the dimensions of rows, columns and bands (None: no bands). InputError without rows or columns."""
     known = {str(d).lower(): d for d in array.dims}
     rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
     said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))

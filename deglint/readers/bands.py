@@ -33,7 +33,7 @@ _KINDS: Mapping[str, tuple[str, Any]] = {
     "bool": ("true or false", bool),
     "Optics": ("a table", dict),
 }
-"""For each type of a field that is not a list: its name in messages, and the Python type of its value."""
+"""For each type of an entry of a sensor file, except lists: its name in messages, and the Python type of its value."""
 _BAND, _OPTICS, _SENSOR = (
     {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (SensorBand, Optics, Sensor)
 )
@@ -67,7 +67,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
-    """A copy of `info` with wavelengths and widths of `bands`, and their names if it lacks them, for outputs."""
+    """A copy of `info`, for outputs, with wavelengths and widths of `bands`, and their names where `info` has none."""
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
@@ -116,7 +116,7 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 
 
 def nominal_pixel(scene: Scene) -> float | None:
-    """Nominal pixel size [m] of the sensor of a scene, which is stated or follows from band names; None if unknown."""
+    """Nominal pixel size [m] of the scene's sensor (`Scene.sensor`, else found from band names); None if not known."""
     sensor = sensor_of(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
     return positive(sensor.pixel) if sensor else None
 
@@ -164,7 +164,7 @@ def only_numbered(names: Sequence[str]) -> bool:
 
 
 def short_names(stems: Sequence[str]) -> list[str]:
-    """Derive band names from file names (`stems`): a code ("B08"), else the part that differs, else the whole name."""
+    """Derive band names from file names (`stems`): a code, else the part in which names differ, else the whole name."""
     codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
     rest = list(stems)
     if len(stems) > 1 and all(stems):
@@ -238,7 +238,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
 
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
-    """The band of a preset with this name, alias or code (a prefix such as "sr_" is ignored); None without a match."""
+    """The band of a preset with this name, alias or code (a prefix such as "sr_" is ignored); None if no band fits."""
     if answers := [b for wanted in (name, spectral.plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
     code = spectral.band_code(name)
@@ -280,9 +280,10 @@ def sensor_of(name: str) -> Sensor:
 
 
 def optics_of(scene: Scene) -> dict[str, float] | None:
-    """Optics: `f_number`, `pitch` [m] and perhaps `smear` [pixel], for `compensate.psf.system_psf`; None if not known.
+    """Optics of a scene's sensor, as keywords of `compensate.psf.system_psf`: `f_number`, `pitch` [m], `smear` [pixel].
 
-    They follow from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, else (without smear) from the sensor's preset.
+    They follow from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, else from the sensor's preset, which has no
+    smear. A smear that is not known is left out. Returns None if the f-number or the pixel pitch is not known.
     """
     info: RasterInfo | None = getattr(scene.source, "info", None)
     tags = {k.upper(): v for part in ([] if info is None else info.tags.values()) for k, v in part.items()}

@@ -24,13 +24,14 @@ from .text import positive
 Number = TypeVar("Number", float, Float64)
 _SAME_CORNER = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
-_NEGLIGIBLE_DISTORTION = 0.01  # relative; below it, a projection's lengths are used as they are (UTM: up to 0.001)
+_NEGLIGIBLE_DISTORTION = 0.01  # relative error up to which lengths of a projection are used (UTM has up to 0.001)
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
     """Put files on one grid: return their bands in order, the description of the file with that grid, and notes.
 
-    `grid` selects that file: "finest" or None (smallest pixels), 1-based number, or end of name. InputError on failure.
+    `grid` selects this file: "finest" or None (smallest pixels), its 1-based number, or the end of its name. Raises
+    InputError if the files do not fit on one grid, or if `grid` selects no file or several.
     """
     for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
         without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
@@ -91,9 +92,10 @@ def _transform(info: RasterInfo | Scene) -> Affine:
 
 
 def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
-    """Whether the bounds of two files overlap in the CRS of `reference`; InputError if they cannot be brought there.
+    """Whether the bounds of two files overlap in the CRS of `reference`; InputError if they have no place in this CRS.
 
-    If only `reference` is in degrees, longitudes a turn apart are the same: GDAL does not shift degrees to degrees.
+    If only `reference` is in degrees, longitudes that differ by 360 degrees are equal. If both files are in degrees,
+    such longitudes are not equal, because GDAL does not shift them when it resamples.
     """
     (left, bottom, right, top), (west, south, east, north) = (_bounds(i, reference) for i in (info, reference))
     degrees = [i.crs is not None and i.crs.is_geographic for i in (info, reference)]
@@ -158,7 +160,7 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene) -> RasterSource:
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
-    """Source of the number of the detector that took each pixel of `grid` in each band; NaN if there is none.
+    """Source of detector numbers: which detector took each pixel of `grid` in each band; NaN where no detector did.
 
     `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. Since processing baseline 04.00,
     these files are rasters; the GML files of older products are not read.
@@ -214,7 +216,7 @@ def ground_size(transform: Affine | None, crs: Any, height: int, width: int) -> 
     """Sides on the ground [m], along a row and a column, of the central pixel of a raster of `height` x `width` pixels.
 
     They are distances on the ellipsoid: coordinates may be in degrees, and the metres of web Mercator are too long by
-    1 / cos(latitude). If a projection distorts by up to 1 %, its lengths are returned. None without CRS and transform.
+    1 / cos(latitude). If a projection distorts by up to 1 %, its lengths are returned. None without CRS or transform.
     """
     from rasterio.warp import transform as to_crs
 
@@ -239,7 +241,10 @@ def ground_size(transform: Affine | None, crs: Any, height: int, width: int) -> 
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Geometric mean of a pixel's sides on the ground [m]; without transform, from tag GSD_M or the sensor, or None."""
+    """Geometric mean of a pixel's sides on the ground [m]; None if it is not known.
+
+    Without a transform, the value is that of the tag GSD_M or, if this is missing, the nominal value of the sensor.
+    """
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}

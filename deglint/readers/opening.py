@@ -201,7 +201,7 @@ def _given(given: BandProperties) -> Given:
 
 
 def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
-    """A copy of `info` with the names, wavelengths, scales and offsets `given`; InputError if not one for each band."""
+    """A copy of `info` with the properties `given`; InputError if a number of values does not fit the bands."""
     total, path = info.count, ", ".join(info.paths)
     every = {k: v * total if k in ("scale", "offset") and len(v) == 1 else v for k, v in given.items()}
     for option, values in every.items():

@@ -1,4 +1,4 @@
-"""Roles of the bands: near infrared (NIR), which shows glint, blue, green, red and shortwave infrared (SWIR).
+"""Roles of the bands: blue, green, red, near infrared (NIR), which shows glint, and shortwave infrared (SWIR).
 
 The role of a band follows from its wavelength, else from its name, not from its position in the file.
 """
@@ -61,7 +61,7 @@ def explain_nir(scene: Scene, wanted: Wanted | None = None) -> str:
 
 
 def band_roles(scene: Scene) -> dict[str, int | None]:
-    """For each role ("blue", "green", "red", "nir", "swir"), the 0-based index of its band, or None without one.
+    """For each role ("blue", "green", "red", "nir", "swir"), the 0-based index of its band; None if no band has it.
 
     SWIR is the band nearest to 1610 nm in 1500-1800 nm, else to 2200 nm in 2000-2400 nm. A band has at most one role.
     """
@@ -130,7 +130,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example for --bands: known bands keep names; "nir" is the alpha band if `hidden`, else the first unknown band."""
+    """Example of names for --bands: "nir" is the alpha band if `hidden`, else the first band of unknown wavelength."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)

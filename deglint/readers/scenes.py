@@ -111,7 +111,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """Assets of a STAC Item that hold its bands: those of `keys`, or as in `list_scenes`. `path` is its file or URL."""
+    """Assets with the bands of a STAC Item (of the file or URL `path`): those in `keys`, else as in `list_scenes`."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -139,7 +139,7 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     roles = {k: a["roles"] if isinstance(a.get("roles"), list) else [] for k, a in rasters.items()}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
     said = {k: _said(a, k) for k, a in usable.items()}
-    # of several pixel sizes the smallest is used; of two formats TIFF, as it is read in parts
+    # of assets with the same band, that with the smallest pixels is used; of these, TIFF: it can be read in parts
     rank = {k: (f[0][0]["gsd"], "tiff" not in str(usable[k].get("type"))) for k, f in said.items() if len(f) == 1}
     singles: dict[object, list[str]] = {}
     for key in sorted(rank, key=rank.__getitem__):
@@ -224,8 +224,9 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
     given : the arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with
         *, ? or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and
         whose optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, URL)
-    assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty, these are the assets of
-        one band, by wavelength; if fewer than two, the only one of several bands, else the only raster (role "data")
+    assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty, all assets with a single
+        band of known wavelength are used, sorted by wavelength. If these are fewer than two, the only asset with
+        several bands is used, else the only raster with the role "data", else the only raster
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
@@ -261,7 +262,7 @@ def _scene_name(path: str) -> str:
 
 
 def checked_name(name: str, origin: str) -> str:
-    """Return a scene's name if it can be part of a file name; else raise InputError, which states its file `origin`."""
+    """Return a scene's name if it can be part of a file name; else raise InputError, which states its `origin`."""
     if not 0 < len(name) <= LONGEST_NAME or name.startswith(".") or re.search(r"[/\\\x00-\x1f\x7f]", name):
         raise InputError(
             f"{origin}: a scene is called {name!r}, of which no file name can be made. Allowed are 1 to "

@@ -21,7 +21,7 @@ _FULL_SCALE = re.compile("full_scale")
 _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a wavelength without a known unit up to this number is in micrometres
 _WIDEST_MICROMETRE = 0.99  # a width without a known unit up to this number is in micrometres
-SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag, or with a unit in a name, can be a wavelength here [nm]
+SPECTRAL_RANGE = (100.0, 20000.0)  # of wavelengths that are accepted in tags, or with a unit in names [nm]
 _WIDEST_FILLED_TYPE = 16  # integer types of up to this number of bits are assumed to saturate at their largest value
 Spectral = tuple[float | None, float | None]
 """Centre wavelength and full width at half maximum of a band [nm]; None if not known."""
@@ -103,7 +103,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A copy of `info` where bands that lack a wavelength, width or FULL_SCALE in their tags get that of the file."""
+    """A copy of `info` in which bands without wavelength, width or FULL_SCALE (saturation) get that of the file."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
@@ -155,7 +155,7 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 
 
 def nanometres(value: float, unit: str = "", most: float = _LARGEST_MICROMETRE) -> float | None:
-    """Convert a wavelength to nm; without a known unit it is um up to `most`. None for wavenumber, index or GHz.
+    """Convert a wavelength to nm. Values up to `most` without known unit are in um. None for wavenumber, index, GHz.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers"), nanometres(4900, "Angstroms")
     (490.0, 490, 490.0, 490.0)
@@ -172,11 +172,12 @@ def nanometres(value: float, unit: str = "", most: float = _LARGEST_MICROMETRE) 
 
 
 def wavelength_in_name(name: str) -> float | None:
-    """Wavelength [nm] given as a number in a name.
+    """Wavelength [nm] given as a number in a name; None if no number counts as a wavelength.
 
-    A number counts if it has a unit, if it is near the wavelength of a colour word in the name, or if only a prefix
-    ("band") precedes it. A number alone from 1970 to 2100 may be a year and does not count. None if there is no number.
-    For a range with a unit, the middle is returned.
+    A number with a unit counts from 100 to 20,000 nm; for a range ("450-520 nm"), the middle is returned. Without a
+    unit, there are two cases. If the name is only a number, perhaps after a prefix ("band"), the number counts from 380
+    to 2500 (nm), or if it is a decimal below 3 (um); but from 1970 to 2100 a prefix is needed, as it may be a year. If
+    the name has a colour word, a number counts if it is the only one within 40 % of the colour's nominal wavelength.
 
     >>> wavelength_in_name("band_0.490"), wavelength_in_name("865 nm"), wavelength_in_name("B08")
     (490.0, 865.0, None)

@@ -38,8 +38,8 @@ S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 S2_FLOOR, S2_DARK, S2_LEAST = (950, 1150), 1300, 500
 """If file values include the offset, the minimum of the darkest band (percentile 0.1) lies in the first range, and no
 minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there. Minima below
-the range, after an atmospheric correction that subtracts too much, do not show whether it is included. If the minimum
-of a NIR or SWIR band is below the third value (with the offset, a reflectance of -.05), the offset is not included."""
+the range, after an atmospheric correction that subtracts too much, do not show whether the offset is included. If
+the minimum of a NIR or SWIR band is below the third value (then a reflectance of -.05), the offset is not included."""
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 ORDER = ("blue", "green", "red", "nir")
 """Usual order of four bands without names; red and blue may be exchanged. It is assumed if the last band is the darkest
@@ -125,7 +125,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(value: float, same: list[Alike], blocks: list[Block], scene: Scene, info: RasterInfo) -> Undeclared:
-    """Findings with `value`, which all bands have, as nodata; no findings if its areas are small or it is saturated.
+    """Findings that `value` is nodata; none if the areas where all bands have it are small, or if it is saturated.
 
     A band that also has this value in many pixels where other bands have other values gets no nodata.
     """
@@ -155,7 +155,7 @@ def _nodata(value: float, same: list[Alike], blocks: list[Block], scene: Scene, 
 
 
 def _commonest(same: Sequence[Alike]) -> list[float]:
-    """Most frequent value up to 0, and most frequent above, where all bands have the same value."""
+    """Most frequent value up to 0, and most frequent value above 0, among pixels with the same value in all bands."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
@@ -210,7 +210,7 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """If the values in `blocks` include the offset of Sentinel-2, add it to `found`; if they may do so, add a note."""
+    """If the values in `blocks` include Sentinel-2's offset, add it to `found`; if this is not certain, add a note."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     waves = [b.wavelength or 0.0 for b in scene.bands]
     least = min(f for f, w in zip(floors, waves, strict=True) if w)

@@ -40,7 +40,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files that `path` stands for: those of a product, or else a raster (with its XMP), by `describe`."""
+    """Describe the files of the product that `path` stands for; else one raster, by `describe` and its XMP metadata."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -110,7 +110,7 @@ def name_of(path: str) -> str | None:
 
 
 def files_of(path: str) -> tuple[str, ...]:
-    """GDAL names of the rasters (images, detector numbers) and metadata of the product `path`; `path` if it is none."""
+    """GDAL names of the rasters (images, detector numbers) and metadata of the product `path`; else `path` itself."""
     product = find(path)
     if product is None:
         return (path,)
@@ -139,7 +139,7 @@ def _first(container: Container) -> Product | None:
 def _of(family: ModuleType, container: Container) -> Product | None:
     """The product of a family (a module of `PRODUCTS`) in a container, with names of the metadata files that were read.
 
-    Damaged metadata raise MetadataError; if the user named an image, the result is None, and it is opened as a raster.
+    Damaged metadata raise MetadataError; but if the user named an image, the result is None: it is opened as a raster.
     """
     try:
         found = family.find(container)
@@ -152,7 +152,7 @@ def _of(family: ModuleType, container: Container) -> Product | None:
 
 
 def _root_of(family: ModuleType, place: Path, folder: Container | None) -> Path | None:
-    """Nearest folder above `place` with metadata of `family`, or None; `folder` lists the files of a folder `place`."""
+    """Nearest folder above `place` with metadata of `family`, or None; `folder`: files of `place` if it is a folder."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

@@ -41,9 +41,10 @@ _BLACK_LEVEL = 50714  # number of the DNG tag BlackLevel, which GDAL does not re
 
 
 def find(container: Container) -> Product | None:
-    """The capture in a folder or archive; None if there is none or a member is named. Raises InputError for several.
+    """The capture in a folder or archive: a set of images that a camera took at once, one file for each band.
 
-    A capture is a set of images taken at once, one per band. One file is no product: `with_xmp` reads its metadata.
+    Returns None if there is no capture, or if the user named a single file: `with_xmp` reads its metadata. Raises
+    InputError if there are several captures.
     """
     if container.named is not None:
         return None
@@ -196,7 +197,7 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 def _dji(facts: Facts) -> Calibration | None:
     """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP has no values for it.
 
-    It is V c (p - black) / (gain t 2^16) in no known unit: vignette correction V, camera factor c, exposure time t [s].
+    They are V c (p - black) / (gain t 2^16), in no known unit: vignette correction V, camera factor c, exposure t [s].
     """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))

@@ -23,7 +23,7 @@ _WITHOUT_MTL = {
     "2": f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed",
 }
 LANDSAT_ORBIT = 705_000.0
-"""Altitude of Landsat 8 and 9 [m], for the incidence angle: ROLL_ANGLE is 0, but about 15 degrees in a few scenes."""
+"""Altitude of Landsat 8 and 9 [m], to convert ROLL_ANGLE (0, in a few scenes about 15 degrees) to incidence angles."""
 CIRRUS = (1373.5, 20.0)  # centre and width of B9 [nm] (USGS: 1363-1384 nm); the preset has only the bands 1 to 7
 
 

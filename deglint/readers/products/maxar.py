@@ -90,7 +90,7 @@ def _without_ending(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The .TIL file called `stem`, or its tile if it has one; without it, the image called `stem`, or None.
+    """The .TIL file called `stem`, or its tile if it has only one; without .TIL file, the image called `stem`, or None.
 
     `stem` is a path without extension. Raises InputError if a tile does not lie beside the .TIL file.
     """

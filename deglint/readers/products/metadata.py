@@ -27,7 +27,7 @@ from ...raster.info import describe_file
 from ..spectral import with_spectral
 from ..text import number
 
-MOST_MEMBERS = 20_000  # most files of a folder that are listed: it may be large, and need not be a product
+MOST_MEMBERS = 20_000  # most files of a folder that are listed: a folder that is no product may be large
 PRODUCT_UNIT = "W m-2 sr-1 um-1"  # of radiance in the products of satellites
 FULL = 65535.0  # saturated file value of Sentinel-2 and Landsat if the metadata do not give it
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
@@ -71,7 +71,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[T], what: str, names: Iterable[str], remedy: str = "Name one.") -> T:
-        """The only item of `found`. Raises InputError for several, with `what` they are, their `names` and `remedy`."""
+        """The only item of `found`. For several, raise InputError with `what` they are, the `names` and a `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]
@@ -99,7 +99,7 @@ class Container:
     def tree(self, member: str, needs: str = "") -> ET.Element:
         """The metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
 
-        Objects and groups are elements. Raises ReadError, or MetadataError if it is damaged or has no element `needs`.
+        JSON objects and groups become elements. Raises ReadError; MetadataError if it is damaged or lacks `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):
@@ -289,7 +289,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
     """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
 
-    Nodata and tags of the file are kept; so is its scaling if it is `scaled_by_itself`. `sensor` is a tag or None.
+    Nodata and tags of the file are kept; so are scale, offset and unit if it is `scaled_by_itself`. `sensor` is a tag.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     flat = bands[0].flat if info.count == 1 else None

@@ -30,7 +30,7 @@ _AS_STORED = (
 
 
 def find(container: Container) -> Product | None:
-    """The product in `container`, or None. If the user named an image or folder in it, only its bands are returned."""
+    """The product in `container`, or None. If the user named an image or folder, the product has only its bands."""
     metadata = container.find(METADATA)
     images = _images(container)
     if container.named and last(container.named) in map(last, metadata):
@@ -75,7 +75,7 @@ def _images(container: Container) -> dict[str, re.Match[str]]:
 
 
 def _granule(member: str) -> str:
-    """Path of the folder of the granule (tile) that a file belongs to; "" if it is not in one."""
+    """Path of the folder of the granule (tile) with a file that lies below IMG_DATA; "" for any other file."""
     parts = PurePosixPath(member).parts
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
 
@@ -157,7 +157,7 @@ def _angles(container: Container, granule: str) -> dict[str, str]:
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
-    """Zenith angle and azimuth [degree] of the mean of directions, each from an XML node; None twice if none is known.
+    """Zenith angle and azimuth [degree] of the mean of directions, each from an XML node; None, None if none is known.
 
     It is the mean of unit vectors: azimuths of 350 and 10 have the mean 0. Nodes without both angles are ignored.
     """
