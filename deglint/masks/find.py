@@ -22,40 +22,40 @@ from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 Votes = npt.NDArray[np.int8]
 
 GLINT_SIZE = 5.0  # width of the widest patches of glint in images with small pixels [m]: blurred facets of waves
-WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)  # windows of the opening that are tried, smallest first [pixel]
+WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)  # windows of the morphological opening to try, in this order [pixel]
 WIDEST_WINDOW, RARE_BRIGHT, EVERYWHERE = 17, 2e-3, 0.8
-"""If the size of a pixel is not known: the largest window [pixel], and the share of the sea up to which isolated bright
-pixels may be boats and piers in coarse pixels. They are glint if no land is in view, or if at least the share
-`EVERYWHERE` of the squares of sea has some."""
+"""For pixels of unknown size: the largest window [pixel]; and the share of the sea up to which isolated bright pixels
+may be boats and piers, as in an image with coarse pixels. These pixels are glint if no land is in view, or if at least
+the share `EVERYWHERE` of the squares of sea (see `SQUARE`) has some of them."""
 TAIL, LEAST_TAIL = 3.0, 0.5
-"""The NIR of water ends `TAIL` times the distance from its median to its 99th percentile above the median: the
-brightness of glint decreases exponentially, and few pixels lie beyond. For water without glint, or rounded to integers,
-it ends at least `LEAST_TAIL` times the difference between visible and NIR of the darkest water above the median."""
+"""The NIR of water ends at its median plus `TAIL` times the distance from there to its 99th percentile. Few pixels are
+brighter, as the frequency of glint decreases exponentially with brightness. The distance from the median to the end is
+at least `LEAST_TAIL` times the difference between visible and NIR of the darkest water (for water without glint)."""
 DARKEST, MAX_SHEET = 10, 8.0
-"""The darkest water is one in `DARKEST` pixels of water. Glint and haze may brighten whole areas by up to `MAX_SHEET`
-times the difference between visible and NIR of the darkest water. Clouds are brighter."""
+"""The darkest water: the share 1 / `DARKEST` of the water, that with the lowest NIR. Glint and haze may brighten areas
+by up to `MAX_SHEET` times the difference between visible and NIR of the darkest water. Clouds are brighter."""
 WHITEST, WHITE_SHARE = 0.2, 2.0
 """Share of the brightest pixels, from which the colour of white is determined [%]; least ratio of their green to the
 green of the darkest pixels: turbid water has a smaller ratio."""
 PLAIN_WHITE, SUN = (1.0, 1.0), (0.85, 0.57)
 """Red over green and NIR over green of white, in reflectance and in radiance (solar irradiance at 660, 840, 560 nm)."""
 COARSE_PIXEL = 1.0
-"""Smallest pixel, of known size, with which white is determined from the brightest pixels [m]: in smaller pixels dense
-glint may be brighter than all else, and is not white in bands that are not simultaneous."""
+"""Smallest size of pixels [m] for which the colour of white is determined from the brightest pixels. In smaller pixels
+dense glint may be brighter than all else, and it is not white if the bands are not simultaneous."""
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25  # fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
-"""Sides of a clump of glint and of a square of sea [pixel]. In each square the brightest clump is found; of their
-NIR, the `ORDINARY`-th percentile is used, as the brightest may be boats. At least `LEAST_SQUARES` are needed."""
+"""Sides of a clump of glint and of a square of sea [pixel]. In each square the brightest clump is found; the
+percentile `ORDINARY` of their NIR is used, as the brightest may be boats. At least `LEAST_SQUARES` are needed."""
 CORE, OF_CLUMP = (5, 7), 0.3
-"""Boats and narrow land are brighter than the clump (see `CLUMP`) all over a larger square. Its side is the smallest,
-from `CORE` pixels to half the width of a patch of glint, with which the brightest square of glint exceeds the water by
-at most `OF_CLUMP` times as much as the clump. `CORE` is 5 where that is a third of a patch, else 7: in smaller pixels
-sparkle fills some squares of 5. A second square is for pixels with NIR above visible, rare in glint."""
+"""Boats and narrow land are brighter than the clump (see `CLUMP`) in a whole larger square. Its side is from `CORE`
+pixels to half the width of a patch of glint: the smallest with which the brightest square of glint exceeds the water by
+at most `OF_CLUMP` times as much as the clump does. `CORE` is 5 if 5 pixels are a third of a patch or more, else 7: then
+sparkle fills some squares of 5. A second square is for pixels with NIR above visible, which are rare in glint."""
 AFLOAT = 2.0
-"""Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR.
-Turbid plumes do not: this matters where there is no glint to compare with."""
+"""Boats and narrow land exceed the NIR of water by at least this multiple of the difference between visible and NIR of
+the darkest water. Turbid plumes do not. This limit matters where there is no glint to compare with."""
 COMPACTNESS = 0.7  # least share of brown water in squares of 5 x 5 pixels: a town, brown in radiance, is less compact
 SATURATED_SHARE = 1e-3
 """The highest NIR is saturated if at least this share of the pixels has it, and if it exceeds the NIR of dark water by
@@ -151,7 +151,7 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """Add squares and NIR limits for boats, also saturated ones, to a rule, unless the sea or `widest` is small."""
+    """Add to a rule squares and NIR limits of boats (see `CORE`), unless the sea or the window `widest` is small."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume, least = rule.nir_level, AFLOAT * abs(rule.contrast), CORE[3 * CORE[0] < widest]
     sides = [w for w in WINDOWS if least <= w <= widest and (w == least or 2 * w <= widest + 1)]
@@ -257,7 +257,7 @@ class _View:
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
-        """Isolated bright pixels on sea far from land, and all this sea: two lists, of a mask (row, column) per block.
+        """Masks of isolated bright pixels on the sea far from land, and of this sea: two lists with a mask per block.
 
         Bright pixels are those that `brighter` marks with squares of side `window`, except pixels that vote against
         water (if `votes` are given). `brighter` with squares of side `widest` marks land; far is over `widest` pixels.
@@ -342,7 +342,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
         threshold = min(_emptiest(nir[nearly : last + 1]), sheet)
     else:
         threshold = _foot(nir, level, min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail))
-    if not alone and threshold >= nir[-1]:  # all would be water, as where all land is saturated
+    if not alone and threshold >= nir[-1]:  # else all pixels would be water: land may be saturated
         threshold = (float(nir[last]) + float(nir[last + 1])) / 2
     return WaterRule(view.roles, threshold, window, nir_level=level, contrast=darkest)
 
@@ -390,7 +390,7 @@ def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, 
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """Upper edge of the last histogram bin with (nearly) fewest pixels of sorted `nir`: end of the gap above water."""
+    """Upper end of the gap in sorted `nir`: that of the last histogram bin with (nearly) the smallest count."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     start = float(nir[0])

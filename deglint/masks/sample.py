@@ -20,8 +20,8 @@ SHARES, ENOUGH = (0.25, 0.5, 1.0), 3000
 """Shares of the dark, even water, taken from the strongest glint; the first that gives `ENOUGH` pixels is used."""
 MAX_RESIDUAL = 3.0
 """Upper limit of the local visible variance that the NIR does not explain, as a multiple of its typical value."""
-BIMODAL = 0.8  # from this separability (see `_otsu`) on there are two kinds of water (a normal distribution has 0.64)
-MANY = 50_000  # most squares, one around each pixel, used for the limits; as they overlap, more add no information
+BIMODAL = 0.8  # separability (see `_otsu`) from which on there are two kinds of water (a normal distribution has 0.64)
+MANY = 50_000  # most squares (one around each pixel) that determine the limits; they overlap, so more add nothing
 SHORE = 9
 """A pixel must lie in a square of water of this side, so that shores, ships and mixed pixels are excluded [pixel]."""
 CLEANING = 7  # window of the morphological opening that makes the sample compact [pixel]
@@ -50,7 +50,7 @@ class SampleRule:
     r_squared: float = np.nan  # share of the local visible variance in the sample that the NIR explains, 0..1
     glint: float = np.nan  # local standard deviation of the NIR in the sample [unit of the NIR]
     pixels: int = 0  # sample pixels in the fitted blocks
-    share: float = 0.0  # their share of the valid pixels, 0..1
+    share: float = 0.0  # sample pixels over valid pixels in these blocks, 0..1
 
     @property
     def halo(self) -> int:
@@ -158,7 +158,7 @@ def _middle_and_range(values: FloatArray) -> tuple[float, float]:
 
 
 def _quantisation(blocks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """A rule with 1024 grains from the 5th to the 95th percentile of water (`masks`); FitError for a constant NIR."""
+    """A rule with 1024 grains (see `SampleRule`) from percentile 5 to 95 of water; FitError if the NIR is constant."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(blocks, masks, strict=True)])

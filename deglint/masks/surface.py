@@ -34,7 +34,7 @@ class WaterRule:
     A square of side `window` is not water if all its pixels have NIR above `threshold`. The side is 1 for coarse pixels
     and larger where glint is resolved into bright patches. Boats and narrow land are not water either: in a square they
     are too bright for glint of its size (NIR above `bright`, side `core`) or of another colour (NIR above `red` and the
-    first visible band, side `red_core`). Other such pixels, connected to and near the square, belong to it.
+    first visible band, side `red_core`). Connected pixels of this kind near the square are no water either.
     """
 
     roles: Roles
