@@ -162,7 +162,7 @@ def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status before processing, and why: "to do", "finished before", or "failed" (foreign or changed files)."""
+    """Status before processing ("to do", "finished before"; "failed" if files are foreign or changed), and why."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     if not (there := [p for p in every if p.exists()]):
         return TODO, ""

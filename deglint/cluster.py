@@ -40,7 +40,7 @@ class Cluster:
         progress: Callable[[int, int], None] | None = None,
         **_of_threads: object,
     ) -> Iterator[tuple[Tile, T]]:
-        """Call `work` on every tile and yield (tile, result) in order, as `tiles.run`; its thread options are ignored.
+        """Call `work` on every tile and yield (tile, result) in order, like `tiles.run`; thread options are ignored.
 
         Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a tile kills several workers.
         """
@@ -177,7 +177,7 @@ def _unpacked(packed: bytes) -> Callable[[Tile], object]:
 
 @one_thread_each()
 def _do(packed: bytes, tile: Tile) -> object:
-    """Process a tile in a worker by the pickled function `packed`; a DeglintError loses its cause, to be picklable."""
+    """Process a tile in a worker by the pickled function `packed`; DeglintErrors are raised without their cause."""
     with environment():
         try:
             return _unpacked(packed)(tile)

@@ -221,7 +221,7 @@ def _two_passes(x: Float64) -> Moments:
 
 
 def _typical(x: Float64) -> Float64:
-    """Median of the first, middle and last pixel of `x` (variable, pixel), (variable,); robust against one outlier."""
+    """Median (variable,) of the first, middle and last pixel of `x` (variable, pixel); robust against one outlier."""
     return np.sort(x[:, [0, x.shape[1] // 2, -1]], axis=1)[:, 1]
 
 

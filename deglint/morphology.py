@@ -14,7 +14,7 @@ def square(side: int) -> npt.NDArray[np.uint8]:
 
 
 def squares(shape: tuple[int, ...], side: int) -> Iterator[tuple[slice, slice]]:
-    """Yield (row, column) slices of squares of `side` pixels that fill an array; those at its end may be smaller."""
+    """Yield (row, column) slices of squares of `side` pixels that fill an array; the last of an axis may be smaller."""
     for row, column in product(*(range(0, n, side) for n in shape)):
         yield slice(row, row + side), slice(column, column + side)
 

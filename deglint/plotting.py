@@ -33,7 +33,10 @@ def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
 
 
 def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> npt.NDArray[Any]:
-    """Every n-th row and column, at most `LONGEST_PICTURE`, of 0-based bands; `shape`, result: (band, row, column)."""
+    """Read every n-th row and column of 0-based `bands`, such that no side exceeds `LONGEST_PICTURE` [pixel].
+
+    `shape` is the shape (band, row, column) of the scene. The result has the axes (band, row, column), too.
+    """
     _, height, width = shape
     step = max(1, -(-max(height, width) // LONGEST_PICTURE))
     side = step * max(1, AT_ONCE // step)
@@ -48,9 +51,10 @@ def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> n
 def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.uint8]]:
     """Convert images (band, row, column) of red, green and blue to pictures (row, column, 3) with the same stretch.
 
-    The last image is the one without glint. If the first is brighter in the mean of every band, each band is divided
-    by its mean difference of the two, so that glint is white. Black is the lowest 1st percentile of a band of the last
-    image; white is its highest 99.5th percentile, or the highest 90th of the first image if larger. NaN is black.
+    The last image is the one without glint. If the mean of the first image is larger in every band, each band is
+    divided by this difference of means, so that glint is white. Black is percentile 1 of the last image (that of the
+    darkest band). White is its percentile 99.5 (that of the brightest band), or percentile 90 of the first image, if
+    that is larger. NaN is black.
     """
     first, last = images[0], images[-1]
     glint = np.array([np.nanmean(a - b) if np.isfinite(a - b).any() else 0.0 for a, b in zip(first, last, strict=True)])

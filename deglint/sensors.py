@@ -56,7 +56,7 @@ class Sensor:
     bands: tuple[SensorBand, ...]  # in the order of the manufacturer's product
     ordered: bool = True  # False: the order of bands differs between products; they are matched by name or wavelength
     wavelength_status: str = UNVERIFIED  # where the wavelengths of the bands come from; same for widths, groups
-    width_status: str = UNVERIFIED  # that of the wavelengths if not stated
+    width_status: str = UNVERIFIED  # where the widths come from; by default as those of the wavelengths
     group_status: str = UNVERIFIED
     pixel: float | None = None  # nominal size of a pixel on the ground [m]; None for aircraft and drones
     optics: Optics | None = None

@@ -105,7 +105,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`, else the least one, or `side` if it is too large."""
+    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if that is too large."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -150,8 +150,8 @@ def default_threads(threads: int | None = None) -> int:
 def one_thread_each() -> Iterator[None]:
     """Context (also a decorator) in which OpenCV and BLAS use one thread each, while tiles occupy all processors.
 
-    Threads of BLAS wait in busy loops, and would take the processors from the tiles. The limits end with the last of
-    contexts that overlap, as several threads may call this package.
+    Threads of BLAS wait in busy loops, and would take the processors from the tiles. If several threads are in
+    this context at the same time, the limits end when the last thread leaves it.
     """
     import cv2
     from threadpoolctl import threadpool_limits

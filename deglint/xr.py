@@ -152,7 +152,7 @@ def apply(
 
 
 def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | None) -> Correction:
-    """The `Correction` to pickle: without scene, which each tile adds. No mask is made; bands keep their nodata."""
+    """A picklable `Correction` without scene, which `_correct_tile` adds. It makes no mask, and keeps nodata."""
     info = raster_of(scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
@@ -228,7 +228,7 @@ def _entry(array: "DataArray", dimension: Hashable, work: "Callable[[DataArray],
 
 
 def _by_variables(dataset: "Dataset", work: "Callable[[DataArray], DataArray]") -> "Dataset":
-    """The Dataset after `work` on each variable with a dimension band or, without any, on its variables as bands."""
+    """The Dataset after `work` on each variable with a dimension band; if none has one, variables are the bands."""
     if deep := _with_bands(dataset):
         return dataset.assign({n: work(dataset[n]) for n in deep})
     clean = work(stack(dataset))
@@ -246,8 +246,8 @@ def stack(dataset: "Dataset") -> "DataArray":
 
     Nodata, scales and offsets that differ become lists with one entry per band. If the wavelengths of at least two
     variables are known, all other variables, such as masks, are left out. A single variable with a dimension band is
-    returned alone. Raises InputError if the variables of two or more dimensions differ in them, there are none, or
-    several have a dimension band.
+    returned alone. Raises InputError if variables of two or more dimensions do not all have the same ones, if there
+    are no such variables, or if several have a dimension band.
     """
     if deep := _with_bands(dataset):
         if len(deep) > 1:
@@ -329,7 +329,7 @@ def _of_chunk(scene: Scene, info: RasterInfo, work: Work, reach: int, block: Raw
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Chunk sizes [pixel] of an axis. Edges move up to multiples of `step`; edges too near to another are dropped."""
+    """Chunk sizes [pixel] of an axis. Edges move up to multiples of `step`; chunks shorter than `least` are merged."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

@@ -22,7 +22,7 @@ largest float32 as nodata without declaring it. In float64 files the largest flo
 
 
 def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
-    """Type of the physical values for the file type `dtype`: float32 for float32 and up to 16 bits, else float64."""
+    """Type of physical values for a file type: float32 if `dtype` is float32 or has up to 16 bits, else float64."""
     single = np.dtype(np.float32)
     return single if np.result_type(np.dtype(dtype), single) == single else np.dtype(np.float64)
 
@@ -150,17 +150,17 @@ def _moved(stored: Raw, good: Valid, nodata: float | None) -> Valid:
 def relaid(raw: Raw, valid: Valid | None, own: Nodatas, dtype: str, nodata: float | None) -> tuple[Raw, Valid]:
     """Convert file values to the type `dtype` and the `nodata` of an output.
 
-    NaN and infinity become `nodata`, or 0, in integers. A valid value that equals `nodata` is moved to the next number.
-    Returns the new values, and the mask of valid values that were clipped, or moved because an integer equalled
-    `nodata`. Arrays are (band, row, column). `valid` is the mask of valid values, None if all are. `own` has the nodata
-    of each band of `raw`. If nothing changes, `raw` itself is returned. In a band without nodata of its own, a value is
-    not moved where another band is not valid.
+    In integer types, NaN and infinity become `nodata`, or 0 if it is None. A valid value that equals `nodata` is moved
+    to the next number; but in a band without nodata in `own`, only where all bands are valid. Returns the new values,
+    and the mask of valid values that were clipped, or moved in an integer type. If nothing changes, `raw` itself is
+    returned. Arrays are (band, row, column). `valid` is the mask of valid values, None if all are valid. `own` has the
+    nodata value of each band of `raw`.
     """
     to = np.dtype(dtype)
     if raw.dtype == to and (nodata is None or all(same_nodata(n, nodata) for n in own)):
         return raw, np.zeros(raw.shape, np.bool_)
     hidden, good = is_valid(raw, own), np.ones(raw.shape, np.bool_) if valid is None else valid
-    # where another band is not valid, the number for nodata in a band without nodata is taken for nodata, too
+    # in a band without nodata, the new nodata value means not valid where another band is not valid
     stays = good.all(axis=0) | np.array([n is not None for n in own])[:, None, None]
     if raw.dtype.kind == "f" and to.kind in "iu":  # which have no NaN
         finite = is_finite(raw)

@@ -3,7 +3,7 @@
 The header of a small file can declare any number of pixels. The limits admit all rasters that occur in practice, and
 reject those that need more memory than a machine has. Environment variables override the limits.
 
-A rasterio environment holds for one thread only: the calling thread and every worker thread enter one of their own.
+A rasterio environment holds for one thread only: the calling thread and each worker thread must enter their own.
 """
 
 import os

@@ -31,8 +31,8 @@ OVERVIEWS_FROM = 1024  # images whose longer side has this size or more get over
 _SMALLEST_OVERVIEW = 512  # the longer side of the smallest overview is at most this [pixel], as in GDAL's COG driver
 _SIDES = (64, 128, 256, BLOCK)  # possible sides of blocks [pixel]
 _FLAG_COLOURS = ("000000", "bebebe", "56b4e9", "cc79a7", "f0e442", "e69f00", "009e73", "d55e00")
-"""Colour (RRGGBB) of each bit of a raster of flags, the lowest bit first; of several bits, that of the highest is used.
-They suit colour-blind readers (Okabe and Ito 2008, https://jfly.uni-koeln.de/color/)."""
+"""Colour (RRGGBB) of each bit of a raster of flags, the lowest bit first; of several bits, the highest is shown. The
+colours suit colour-blind readers (Okabe and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a rasterio profile that are not creation options: a copied file has them from its source."""
 _REFUSED = (*_OF_CONTENT, "mode", "sharing", "profile", "tfw", "rpb", "rpctxt")
@@ -73,9 +73,10 @@ class Layout:
     def block(self) -> tuple[int, int]:
         """Rows and columns of a block of the output file [pixel].
 
-        A side of a tiled input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels, provided that it
-        divides the side of `tile` or that `tile` covers the image. Otherwise one of `_SIDES` replaces it: the smallest
-        that covers the image (or 512) if `tile` covers it, else the largest that divides the side of `tile` (or 16).
+        The two sides are found separately. A side of a tiled input's blocks is kept if it is a multiple of 16 from 64
+        to 1024 and fits `tile`: it divides the side of `tile`, or `tile` covers the image. Otherwise, if `tile` covers
+        the image, the side is the smallest of `_SIDES` that covers it, too (512 if none does); if `tile` does not cover
+        the image, the side is the largest of `_SIDES` that divides that of `tile` (16 if none does).
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         sizes = self.info.height, self.info.width
@@ -244,7 +245,7 @@ def add_overviews(path: Path, options: Mapping[str, object], *, average: bool) -
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Open a writer for each of `images` (name: target, layout) in a `with` block; write .aux.xml beside flags."""
+    """Open a writer for each of `images` (target, layout) in a `with` block; also write a file .aux.xml for flags."""
     for target, layout in images.values():
         if layout.flags:
             write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))

@@ -39,7 +39,8 @@ def write_scene(
     """Write a simulated scene: the image ``DIR/NAME.tif``, its ground truth ``DIR/NAME_*.tif``, and ``DIR/NAME.json``.
 
     `stem` is ``DIR/NAME``. `truth` selects files of the ground truth: all (True), none (False), or a collection of
-    suffixes such as "_truth_water". Returns the paths; all files are written or none. Raises InputError, WriteError.
+    suffixes such as "_truth_water". Returns the paths. Raises InputError if `truth` has an unknown suffix,
+    and WriteError if a file cannot be written; then no file is written.
     """
     base = _base(stem)
     layers = layers_of(scene)

@@ -48,7 +48,7 @@ class FileBands:
         )
 
     def declared(self, nodatas: tuple[float | None, ...]) -> Self:
-        """A copy with one nodata value per band; if all are the same number, resampling (`warp`) ignores its pixels."""
+        """A copy with these nodata values, one per band; if all are the same number, resampling (`warp`) ignores it."""
         if self.warp is None or nodatas[0] is None or not all(same_nodata(nodatas[0], n) for n in nodatas):
             return replace(self, nodatas=nodatas)
         warp = {**self.warp, "add_alpha": False, "src_nodata": nodatas[0], "nodata": nodatas[0]}
@@ -72,7 +72,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
 
     def declared(self, info: RasterInfo) -> Self:
         """Copy of this source that has the description `info`, with the nodata and offsets to use."""
-        found = copy.copy(self)  # by `__reduce__`: with a pool of its own, no deadline, and nothing read or found
+        found = copy.copy(self)  # made by `__reduce__`: it has its own pool, no deadline, no pixels read, no findings
         if info.nodatas != self.info.nodatas:
             left = iter(info.nodatas)
             found.files = tuple(f.declared(tuple(islice(left, len(f.indexes)))) for f in self.files)
@@ -141,7 +141,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
             raise ReadError(f"cannot read {where}: {said}. {remedy(self.info.paths[0], said)}") from error
 
     def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
-        """Read file values (band, row, column), and their mask from masks, alpha and nodata; None if all are valid."""
+        """Read file values (band, row, column), and the mask of valid values, which is None if all are valid."""
         (top, bottom), (left, right) = window
         raw, valid, start = np.empty((len(bands), bottom - top, right - left), self.info.dtype), None, 0
         if not raw.size:

@@ -78,7 +78,7 @@ def _read_with(name: str) -> Iterator[str]:
 
 
 def _local(name: str) -> list[str]:
-    """The local file or archive in a GDAL name, in a list: a.zip for "/vsizip/a.zip/b.tif"; else empty."""
+    """List with the local file or archive inside a GDAL name: a.zip for "/vsizip/a.zip/b.tif"; [] for a plain name."""
     bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0]).replace("!", "/"))
     if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (raises for no name)
         return []
@@ -103,7 +103,7 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
 
 
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
-    """Raise InputError if an output would replace an input file, or be read as a part (.aux.xml) of it or an output."""
+    """Raise InputError if an output would replace an input file, or be read as a part (.aux.xml) of another file."""
     held: dict[tuple[int, int] | str, str] = {}
     beside = {identity(companion): str(target) for target in targets for companion in _companions(target)}
     for what, names in reads.items():
@@ -187,7 +187,7 @@ class Scratch(contextlib.AbstractContextManager["Scratch"]):
             _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
-        """Rename every scratch file to its target. After an error, undo this and raise it (OSError as WriteError)."""
+        """Rename every scratch file to its target. After an error, undo this; raise it, an OSError as WriteError."""
         made = next((target for target in self._files if os.path.lexists(target)), None)
         if made is not None and not self._overwrite:
             raise WriteError(f"{made} was made by another run meanwhile, and stays. Give --overwrite to replace it.")
@@ -229,7 +229,7 @@ def make_directory(directory: Path, *, parents: bool = False) -> None:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Lock a directory, where locks exist, against other batches in the `with` block; WriteError if another has it."""
+    """Lock a directory against other batches in a `with` block; WriteError if another batch has locked it."""
     path = directory / ".deglint-batch.lock"
     with contextlib.ExitStack() as stack:
         while True:
@@ -280,7 +280,7 @@ def _discard(*paths: Path) -> None:
 
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Convert errors in a `with` block that writes `target`: of GDAL or disk to WriteError, in values to InputError."""
+    """Convert errors while a `with` block writes `target`: of GDAL or disk to WriteError, of options to InputError."""
     try:
         yield
     except WriteError:
