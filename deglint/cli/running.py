@@ -64,7 +64,7 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> None:
         """Run the command that the arguments name; after an error, print one line and exit with an exit code."""
         warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # from rasterio; images may have none
-        with _terminable(), _no_tracebacks():
+        with _terminable(), _quiet_libraries():
             try:
                 super().invoke(ctx)
             except (click.ClickException, click.exceptions.Exit, BrokenPipeError):  # click handles these
@@ -125,14 +125,33 @@ def _terminable() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _no_tracebacks() -> Iterator[None]:
-    """Discard tracebacks that rasterio prints in the `with` block, for messages of GDAL that it cannot decode."""
+def _quiet_libraries() -> Iterator[None]:
+    """Discard lines that libraries print on stderr during the `with` block.
+
+    libtiff prints lines when a disk is full; rasterio prints tracebacks for messages of GDAL that it cannot decode.
+    """
     hooks = sys.excepthook, sys.unraisablehook
     sys.excepthook, sys.unraisablehook = (lambda *_: None), (lambda _: None)
+    own = sys.stderr is not None and sys.stderr is sys.__stderr__  # neither closed nor redirected by Python
     try:
-        yield
+        with _no_c_stderr() if own else contextlib.nullcontext():
+            yield
     finally:
         sys.excepthook, sys.unraisablehook = hooks
+
+
+@contextlib.contextmanager
+def _no_c_stderr() -> Iterator[None]:
+    """Discard what C libraries write to stderr (file descriptor 2) in the `with` block; `sys.stderr` still works."""
+    real = os.dup(2)
+    with open(real, "w", buffering=1, errors="replace") as kept, open(os.devnull, "w") as nowhere:  # noqa: PTH123
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            with contextlib.redirect_stderr(kept):
+                yield
+        finally:
+            kept.flush()
+            os.dup2(real, 2)
 
 
 class Console(logging.Handler):
