@@ -68,7 +68,7 @@ def powers(
     images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : per tile, mask (band, scale, row, column) for all scales but the last (`least_glint`); default: `inside`
-    partner_of : band whose texture multiplies that of each band (`partners`); default: itself, for all evaluated bands
+    partner_of : band whose texture multiplies that of each band (`partners`); default: the band itself, if evaluated
     """
     partner_of = partner_of or {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))}
     total, pixels = np.zeros(len(SCALES)), np.zeros(len(SCALES))
@@ -211,7 +211,7 @@ def expected_errors(
     limits : (recipe, scale) each, upper limits of the power of the scene's own signal in the result: `powers` with
         `partners`, over all pixels and over the pixels with the least glint
     gain : (recipe, scale): share of implanted textures (at the coarsest scale, of plumes) that the recipe preserves
-    objects : (recipe,): the same of implanted discs
+    objects : (recipe,): share of implanted discs that the recipe preserves
     least : (scale,), lower limit of the power of the scene's own signal, from `least_signal`
     edges : share of edges of large objects in the scene's own signal, which a recipe keeps at least as well as discs
     """

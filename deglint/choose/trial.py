@@ -28,8 +28,8 @@ WORTH_REMOVING = 0.85
 """The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
 copy changes nothing, so a change must promise an improvement of more than 15 %."""
 LEVEL_FAULT = 1 / 3
-"""Share of the excess of the level (`level_excess`) that counts as an error of a removal, or of an opening: its level
-may be too bright, but that of the other may be too dark, too."""
+"""Share of the excess of the level (`level_excess`) that counts as an error of a removal, or of an opening: the level
+of one may be too bright, but the level of the other may also be too dark."""
 LARGEST_DISC = 16.0  # width of the widest implanted disc [pixel]: every window that is tried preserves wider ones
 NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
@@ -193,7 +193,9 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """First of the equally good trials; the copy, which is the first of all, if none is much better (`REPLACING`)."""
+    """First of the equally good trials (`EQUAL_ERRORS`), or the copy, which is `trials[0]`, if that first trial is not
+    much better (`WORTH_REMOVING`). If bands are not `delayed`, errors of openings are compared times `REPLACING`.
+    """
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
@@ -279,7 +281,7 @@ def _run(
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
     """Raise FitError if a fitted candidate changes nothing, or has a posterior mean that cannot distinguish residual
-    glint from water. With a unit `fine`, also raise it if the candidate removes mirrored sky (`_refuse_sky`).
+    glint from water. With `fine`, the brightness of water, also raise it if mirrored sky is removed (`_refuse_sky`).
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
@@ -296,8 +298,8 @@ def _too_small(sample: Sample) -> bool:
 
 def without_ships(sample: Sample) -> Sample:
     """The sample without ships (pixels far brighter than the water around) and pixels near them: a recipe that erases
-    ships would get too small an expected error. It is not for fine pixels, in which sparkle is as bright as ships. If a
-    band has more bright pixels than ships have (`OFTEN`), they are glint, and stay. A small sample is not changed.
+    ships would get too small an expected error. Do not use it for fine pixels: there, sparkle is as bright as ships.
+    If a band has more bright pixels than ships have (`OFTEN`), they are glint, and stay. A small sample is not changed.
     """
     inside = list(sample.inside)
     for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):
@@ -328,7 +330,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks of the pixels from which candidate `wiener` removes the least, see `least_glint`; [] if it was not run."""
+    """Masks of the pixels from which candidate `wiener` removes the least (`least_glint`); [] if it was not run."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []
@@ -356,5 +358,5 @@ def _levels(sample: Sample, bands: int) -> Float32:
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
     dark = np.array([np.percentile(v, WATER_PERCENTILE) for v in values])
-    offset = dark < -3 * np.array(noises)  # was subtracted: the brightness is not known; the darkest other band has it
+    offset = dark < -3 * np.array(noises)  # the water's brightness was subtracted: take that of the darkest other band
     return np.maximum(np.where(offset, min(dark[~offset], default=0.0), dark), noises).astype(np.float32)

@@ -37,7 +37,7 @@ RARE_SPARKLE = 0.99
 """Quantile of the outline detail of the NIR bands, which is sparkle. `ABOVE` times this quantile is the limit from
 which outline detail is used. About one clump in ten windows exceeds the quantile."""
 ABOVE = 1.5
-"""The limit as a multiple of that quantile. With 1, sparkle adds 10 % to errors at 9 m/s; 4 removes faint discs."""
+"""Ratio of that limit to the quantile. With 1, sparkle makes errors at 9 m/s 10 % larger; 4 removes faint discs."""
 COVER_K = 3.0  # standard deviations of noise by which a glint pixel exceeds the background (0.1 % do so by chance)
 HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation]
 RAISED = 4.0
@@ -113,13 +113,13 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
     """Mask, (band, pixel), of the pixels with the least glint according to another band.
 
-    The other band is taken within `LASTS` of the band, so that both have the same sparkle, or else it is the next in
-    time. Of several such bands, it is the one in which water is darkest relative to glint, most often the NIR. (The
-    darkest pixels of the band itself have the lowest noise, or are dark water.) Simultaneous bands, or bands with
-    ringing, have the same errors of resampling and compression beside glint, so the mask is not for them.
+    The other band is taken within `LASTS` of the band, so that both have the same sparkle; without such a band, it is
+    the nearest in time. Of several, that band is used whose water is darkest relative to glint, most often the NIR. (In
+    the band itself, the darkest pixels have the lowest noise, or are dark water.) The mask is not for simultaneous
+    bands, or bands with ringing: these have the same errors of resampling and compression beside glint.
 
     excess : bands minus their openings, (band, pixel)
-    water : level of the water in each band, (band,), in a unit in which glint is the same in all bands
+    water : background of each band, (band,), in a unit in which glint is the same in all bands
     times : time of each band, (band,) [s]
     """
     clear = np.ones(excess.shape, np.bool_)
@@ -131,13 +131,13 @@ def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray
 
 
 def median_and_spread(excess: Float32) -> tuple[float, float]:
-    """Median of `excess` (pixel,), a band minus its opening; and the standard deviation of the values below it."""
+    """Median of `excess` (pixel,), a band minus its opening, and standard deviation of the values below the median."""
     middle = float(np.median(excess))
     return middle, spread(excess[excess < middle] - middle)
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), a band minus its opening, where it is not 0; and the deviation of lower values."""
+    """Mode of `excess` (pixel,), a band minus its opening, where it is not 0; standard deviation below the mode."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -161,14 +161,14 @@ class Background:
     name: ClassVar[str] = "identify-level"
     size: int  # width of the window [pixel]
     order: tuple[int, ...]  # 0-based bands in order of time
-    colour: tuple[float, ...]  # unit of glint: its spectrum, scaled so that colour / noise has a median of 1
-    offsets: tuple[float, ...]  # each band without glint minus its opening [unit of the image]
+    colour: tuple[float, ...]  # spectrum of glint, scaled so that colour / noise has a median of 1
+    offsets: tuple[float, ...]  # of each band: water without glint minus the opening [unit of the image]
     sigmas: tuple[float, ...]  # standard deviation of the noise of each band [unit of the image]
     cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
     limit: float | None  # outline detail is used where two bands exceed this [unit of `colour`]; None: never
-    caps: tuple[float, ...] = ()  # with ringing: largest value of water in each band [unit of the image]; else empty
+    caps: tuple[float, ...] = ()  # largest value of water in each band [unit of the image]; empty without ringing
     reach: int = 0  # radius of the widest PSF [pixel]
-    cut: tuple[float, ...] = ()  # decrease of each band's mean where noise is replaced [scene's unit]
+    cut: tuple[float, ...] = ()  # decrease of each band's mean, because noise is replaced, too [unit of the scene]
 
     @property
     def clear(self) -> float:
@@ -183,7 +183,7 @@ class Background:
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
         """The bands to open and their openings by a square, (band, row, column) each. The bands are the image or, after
-        a stage `psf`, its deconvolution. If there are `caps`, pixels of the image below the mean `around` get the mean.
+        a stage `psf`, its deconvolution. With `caps`, they are the image, raised to the mean `around` if it is lower.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -197,7 +197,7 @@ class Background:
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) without offsets: openings plus outline detail; blurred if `sharp` is used."""
+        """Background (band, row, column) minus `offsets`: opening plus outline detail; blurred if `sharp` is used."""
         source, level = self.opened(state)
         if self.limit is not None:
             detail = self.details(source, level)
@@ -213,8 +213,8 @@ class Background:
     def apply(self, state: State) -> State:
         """Determine the background, and mark the pixels that exceed it as glint.
 
-        Pixels in which only noise exceeds the background are marked, too. With a limit that is higher by one standard
-        deviation of noise, errors would change by 19 % in dense glint, as faint glint is missed, else by under 2 %.
+        Pixels in which only noise exceeds the background are marked, too. With a background higher by one standard
+        deviation of noise, errors would change by 19 % in dense glint (faint glint is missed), else by under 2 %.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]
@@ -222,8 +222,9 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the stage to a sample of a scene, described by `setting`; FitError if it is too small. `number`: width of the
-    window, odd [pixel], 13 by default. Outline detail needs a width of at least 7, time offsets, a NIR, and 3 bands.
+    """Fit the stage to a sample of a scene, described by `setting`. `number` is the width of the window, odd [pixel],
+    by default 13. Outline detail is used only with a width of at least 7, known time offsets, a NIR and at least three
+    bands. Raises FitError if the sample is too small.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
@@ -255,7 +256,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Value of `Background.limit`: `ABOVE` times the `RARE_SPARKLE` quantile of the sample (median of bands `nir`)."""
+    """Value of `Background.limit`: `ABOVE` times a quantile (`RARE_SPARKLE`) of outline detail in the bands `nir`."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 

@@ -1,4 +1,4 @@
-"""Fit and apply a chain, its stages and the removal of glint; each is fitted to the result of the stages before it."""
+"""Fit and apply a chain: its stages and the removal of glint. Each is fitted to the result of those before it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -53,13 +53,12 @@ pixels, and for the posterior mean also pits, which are zero or negative in a co
 PIT_REACH, DEEP = 3, 10.0
 """Resampling digs pits beside glint: the kernels of cubic and Lanczos interpolation have negative lobes up to
 `PIT_REACH` pixels away, a tenth of the glint deep. They exceed noise beside glint of `DEEP` standard deviations."""
-AS_DARK = 1.0  # water below this [standard deviations of noise] is often zero without pits, so none are searched for
+AS_DARK = 1.0  # darker water [standard deviations of noise] is often zero without pits: no pits are searched for
 
 
 @dataclass(frozen=True)
 class LeftOver:
     """Variance of the glint that the removal left in one band.
-
     The variance depends on the removed glint. It is interpolated linearly between the amounts in `glint`; above the
     last amount, it grows with the square of the removed glint.
     """
@@ -69,7 +68,7 @@ class LeftOver:
     glint: tuple[float, ...]  # amounts of removed glint [unit of the band]
     variance: tuple[float, ...]  # variance of the glint that is left, at these amounts [unit of the band squared]
     water: float = 0.0  # median of the band after the removal [unit of the band]
-    ratio: float = 0.0  # of standard deviations about a 5 x 5 median: pixels with strong glint to pixels with little
+    ratio: float = 0.0  # of standard deviations about a 5 x 5 median, in strong glint over that in little glint
 
     def of(self, glint: Float32) -> Float32:
         """Variance of the glint that is left, (row, column) [unit of the band squared], given the removed `glint`."""
@@ -106,7 +105,6 @@ def left_over(band: int, sample: Sample) -> LeftOver:
 @dataclass(frozen=True)
 class Posterior:
     """The fitted stage `posterior`: it replaces the image by the posterior mean, and estimates its error variance.
-
     If `resolved` is False, the image is not changed, as its variation may be texture; only `State.variance` is set.
     """
 
@@ -114,7 +112,7 @@ class Posterior:
     width: int  # width of a clump of glint [pixel]
     left: tuple[LeftOver, ...]  # one for each band that the removal corrected
     saturation: tuple[float, ...]  # value from which each band of the scene is saturated; infinity if not known
-    resolved: bool = True  # variation under glint is glint that is left (see `RESOLVED`)
+    resolved: bool = True  # True if variation under glint is glint that is left (`RESOLVED`)
 
     @property
     def side(self) -> int:
@@ -193,7 +191,9 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
 
 
 def clump_width(sample: Sample, band: int) -> int:
-    """Width of a clump of glint in a 0-based band [pixel]: twice the lag at which the autocorrelation is 1/2, or 64."""
+    """Width of a clump of glint in a 0-based band [pixel]: twice the smallest lag at which the autocorrelation is below
+    1/2. If it is nowhere below 1/2, the width is 64.
+    """
     total = np.zeros(WIDEST_CLUMP)
     for state in sample.states:
         plane = state.raw[band]

@@ -24,8 +24,8 @@ in cameras of satellites, aircraft and drones it is one to two times the samplin
 class PSF:
     """A point spread function on the grid of the pixels.
 
-    The kernel (side, side) is the share of the light of a point source, at the centre of the central pixel, in each
-    pixel. Raises InputError if not square, odd-sided, finite, >= 0, > 0 in the middle, or the sum is not 1 within 3 %.
+    The kernel (side, side) is the share of light in each pixel, for a point source at the centre of the central pixel.
+    Raises InputError unless it is square, odd-sided, finite, >= 0, > 0 in the middle, and has a sum of 1 within 3 %.
     """
 
     kernel: Float64 = field(repr=False)

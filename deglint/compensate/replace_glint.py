@@ -28,8 +28,8 @@ class ReplaceLevel:
 class ReplaceBands:
     """The stage `replace-bands`: it replaces glint by the value of the spectrally nearest band without glint.
 
-    Values must be relative to deep water (stage `normalise`); their contrast with it is assumed equal in both bands.
-    New values have the texture of the other band, and any glint in it too faint to be marked; objects change colour.
+    The image must be normalised (stage `normalise`): the contrast with deep water is assumed to be equal in both bands.
+    New values have the texture of the other band, and its glint that is too faint to be marked. Objects change colour.
     """
 
     name: ClassVar[str] = "replace-bands"
@@ -65,7 +65,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """Make the stage `replace-bands`: bands are nearest in wavelength or, if a wavelength is not known, in the file."""
+    """Make the stage `replace-bands`: bands are nearest in wavelength, or in the file if a wavelength is not known."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     order = [np.argsort(np.abs(place - own), kind="stable").tolist() for own in place]

@@ -11,13 +11,15 @@ from .psf import PSF
 from .state import Float32, Sample, Setting, State
 
 ITERATIONS = 2
-"""Default number of iterations. One iteration leaves an error that is 8 % larger at a wind of 9 m/s; three cause dark
-rings beside sparkle, which openings enlarge."""
+"""Default number of iterations. With one, the error of the compensated image is 8 % larger at a wind of 9 m/s; three
+cause dark rings beside sparkle, which openings enlarge."""
 FLOOR = 1e-3  # lower limit of values, as a share of the band's median: the algorithm needs positive values
 
 
 def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
-    """Convolve a band (row, column) with a PSF as a sum of `rank` separable kernels. One makes errors 5 % larger."""
+    """Convolve a band (row, column) with a PSF, as a sum of `rank` separable kernels.
+    With a single kernel, the error of the compensated image is 5 % larger in simulated seas.
+    """
     parts = [
         cv2.sepFilter2D(band, -1, across.astype(np.float32), down.astype(np.float32), borderType=cv2.BORDER_REFLECT_101)
         for down, across in psf.factors(rank)
@@ -47,7 +49,7 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
     out = known = np.maximum(band, least)
     for _ in range(iterations):
         ratio = np.asarray(known / np.maximum(blurred(out, psf), least), np.float32)
-        out = out * np.maximum(blurred(ratio, psf), np.float32(1e-3))  # a pixel may lose all but a thousandth
+        out = out * np.maximum(blurred(ratio, psf), np.float32(1e-3))  # a pixel keeps at least a thousandth
     return out
 
 

@@ -32,8 +32,8 @@ EDGE, EDGE_SHIFT, DIM = 15.0, 8.0, 0.07
 """Width of an edge [nm], standard deviation of its wavelength [nm], reflectance of the dark over the bright side."""
 SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
 """Standard deviations relative to the brightness: linear and quadratic part of a grey spectrum over 250 nm (for paint,
-half of these), and the part that is not smooth. Its variance is `ROUGH` squared times the brightness of the band: with
-the square of that brightness fewer red and blue targets are found, as paint deviates more where it is dim."""
+half of these), and the part that is not smooth. Its variance is `ROUGH` squared times the brightness of the band, not
+times its square: then fewer red and blue targets would be found, as paint deviates more where it is dim."""
 CHANGE, NO_CHANGE = 1.0, 0.15
 """Standard deviation of the linear and of the quadratic change from the first to the last band, relative to the
 brightness. `CHANGE`: of a flash that lasts, for any rise or fall. `NO_CHANGE`: of a white target with sparkle on it."""
@@ -45,8 +45,8 @@ UNEXPLAINED, LIKELIER, CHANGING = 5.0, 0.7, 0.2
 mean log likelihood ratio of flash and target, clipped to +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last. The
 mean is -0.4 to 0.3 for boats, swimmers and whitecaps. With white targets included, it must exceed `CHANGING`."""
 BLUR, VARIED = 0.012, 0.15
-"""Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
-blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
+"""Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum. `BLUR`: point target,
+whose blur differs between bands (0.7 to 2 % at f/10, less for extended targets). `VARIED`: sparkle."""
 
 
 def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float64, Float64]:
@@ -106,7 +106,7 @@ def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
     """Models of the spectra of targets, one for each brightness 2**n, n = 0 to 16, in units of `Targets.light`.
-    (band,) each: centre and full width [nm]; radiance of water and standard deviation `s` of noise [`Targets.light`].
+    All arguments are (band,): centre, full width [nm]; radiance of water, standard deviation of noise (in this unit).
     """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
@@ -157,7 +157,7 @@ def lasting_flashes(
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
-    """Contrast of targets (band, pixel), at least 0 [unit of `e`], from arguments and results of `likelihoods`."""
+    """Contrast of targets (band, pixel), at least 0 [unit of `e`]; `kind` is the index from `likelihoods`."""
     out, level = np.empty_like(e), brightness(e)
     for n in np.unique(level):
         i = np.flatnonzero(level == n)

@@ -39,21 +39,21 @@ class Kind:
     high: float = 0.0  # largest number; 0 for a stage without a number
     whole: bool = False  # the number must be an integer
     odd: bool = False  # the number must be an odd integer
-    identifies: str = ""  # "glint", or "level": glint, and the background that it exceeds
-    replaces: str = ""  # what it replaces, in every band: identified "glint", glint above the "level", or the "image"
+    identifies: str = ""  # "glint", or "level" (glint, and the background that it exceeds)
+    replaces: str = ""  # "glint" (identified), "level" (glint above the background), or "image", in every band
 
 
 STAGES: dict[str, Kind] = {
     "normalise": Kind(normalise.fit, Normalise, 1, 100),  # by the median of deep water; its mode if glint covers > N %
     "psf": Kind(Sharpen.fit, Sharpen, 1, 20, whole=True),  # N iterations of Richardson-Lucy, for the background only
-    "psf-image": Kind(SharpenImage.fit, SharpenImage, 1, 20, whole=True, replaces="image"),  # the same, as the image
+    "psf-image": Kind(SharpenImage.fit, SharpenImage, 1, 20, whole=True, replaces="image"),  # the result is the image
     "identify-median": Kind(identify.fit, IdentifyMedian, 0, 1000, identifies="glint"),  # N deviations above median
     "identify-level": Kind(background.fit, Background, 3, 255, odd=True, identifies="level"),  # opening, N pixels wide
-    "replace-bands": Kind(replace_glint.fit_bands, ReplaceBands, replaces="glint"),  # from the nearest band without
+    "replace-bands": Kind(replace_glint.fit_bands, ReplaceBands, replaces="glint"),  # from a band without glint
     "replace-level": Kind(lambda *_: ReplaceLevel(), ReplaceLevel, replaces="level"),  # from the band's own background
     "median": Kind(median.fit, Median, 3, 255, odd=True, replaces="glint"),  # adaptive median up to N pixels
     "targets": Kind(targets.fit, Targets, 1e-9, 0.1),  # small bright targets, at a false-alarm rate of N, restored
-    "remove": Kind(),  # where the removal by the NIR stands
+    "remove": Kind(),  # place of the removal by the NIR
     "posterior": Kind(posterior.fit, Posterior, 1, 64, whole=True),  # mean of the water; clumps of glint N pixels wide
 }
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
@@ -67,7 +67,7 @@ NEVER_AFTER = {
     ("targets", "normalise"): "targets are found in the values as read: leave out normalise.",
     ("targets", "median"): "targets are found before the median replaces them: name median after them.",
 }  # (a stage, a stage that cannot come before it): why
-ENDS_PSF = ("psf", "normalise", "replace-level", "median")  # like remove, they discard what `psf` sharpened
+ENDS_PSF = ("psf", "normalise", "replace-level", "median")  # like remove, they discard the result of `psf`
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def _number(name: str, text: str) -> float:
 
 def _check(names: Sequence[str]) -> None:
     """Raise InputError if a stage lacks what it needs before or after it, or cannot follow another (`NEVER_AFTER`)."""
-    ready: set[str] = set()  # stages whose result is not used up
+    ready: set[str] = set()  # stages whose result can still be used
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 : [*names, "remove"].index("remove", place + 1)]
         for other in before:
@@ -198,7 +198,7 @@ def plain(stage: Stage) -> dict[str, object]:
 
 
 def _stage_from(data: Mapping[str, Any]) -> Stage:
-    """Read a stage from the values that `plain` returns; `chain_from` explains the errors of other values."""
+    """Read a stage from the values that `plain` returns. Other values raise errors, which `chain_from` handles."""
     kind: Any = STAGES[data["stage"]].stage
     types, values = get_type_hints(kind), {k: _with_infinity(v) for k, v in data.items() if k != "stage"}
     if "psfs" in values:
@@ -221,7 +221,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _with_infinity(value: object) -> Any:
-    """A copy of a value in which None as an item of a list becomes infinity, also nested."""
+    """A copy of a value in which None as an item of a list, also of a nested list, becomes infinity."""
     if isinstance(value, dict):
         return {k: _with_infinity(v) for k, v in value.items()}
     return [np.inf if v is None else _with_infinity(v) for v in value] if isinstance(value, (list, tuple)) else value

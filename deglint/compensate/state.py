@@ -135,11 +135,11 @@ class Sample:
 FEWEST = 64  # fewest pixels for a level and a standard deviation
 NEARLY, PILED, STEPS = 0.99, 3, 1000
 """A band is saturated at its highest value if at least 3 pixels, and half of the pixels within a percent of it, have
-exactly that value. In images of fewer than 1000 steps pixels have equal values by chance."""
+exactly that value. If values of an image have fewer than 1000 steps, pixels are equal by chance."""
 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
-    """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, or infinity.
+    """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, infinity if not known.
     The saturation value is the declared one; or the highest value of the water if it is lower, and many pixels have it.
     """
     found = np.array([np.inf if b.saturation is None else b.saturation for b in setting.bands])

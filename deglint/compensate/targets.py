@@ -9,7 +9,7 @@ is the power of 2 nearest to the largest excess. V_k is the variance of noise, o
 the non-smooth part of the spectrum; h is the standard deviation of the water that a target hides. Sparkle changes from
 band to band, with probabilities p from histograms of the scene. If flashes last, p includes such flashes. A pixel with
 S > 0 belongs to a target if, in it or a neighbour, the sum of S over 3 x 3 pixels plus the log likelihood ratio of a
-common outline exceeds a threshold. This follows from a false-alarm rate; if sparkle lasts, it is higher.
+common outline exceeds a threshold. The threshold follows from a false-alarm rate; if sparkle lasts, it is higher.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
 that move by more than a quarter of their width from the first to the last band, for most coloured targets of 1 pixel
@@ -46,7 +46,7 @@ SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
 FEWEST_BANDS = 4  # three bands always fit the three parameters of a smooth spectrum
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
-targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
+targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are not faint."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53  # shift (row, column) of later bands that simulates false alarms; wider than clumps [pixel]
@@ -54,7 +54,7 @@ EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
 """`EXCEEDS`: standard deviations of noise above which a pixel is lit (bright) in a band (one pixel of water in 700).
 `FEWEST_LIT`: fewest bands in which a target is lit. `LONE`: least S of a pixel of a target (odds of 7 to 1)."""
 SAME_PEAK, OUTLINE_REACH = 0.7, 2
-"""`SAME_PEAK`: in a common peak, each band has at least 0.7 of its maximum over 3 x 3 pixels (not 1: noise and blur).
+"""`SAME_PEAK`: in a common peak, noise and blur leave each band 0.7 or more of its maximum over 3 x 3 pixels.
 `OUTLINE_REACH`: the edge of a target, blurred or hidden by sparkle in one band, extends over two pixels."""
 DARK_FROM = 700.0  # wavelength from which water is dark, so that bands show mainly sparkle [nm]
 NORMAL_BELOW = 0.1587  # share of a normal distribution that is more than one standard deviation below its median
@@ -156,11 +156,11 @@ class Excess:
     stage: Targets
     raw: list[Float32]  # the block, (row, column) for each band
     below: list[Float32]  # its background
-    afloat: bool = False  # True without a background: targets must then be lit in a band with dark water, if any
+    afloat: bool = False  # True without background: a target must be lit in a band with dark water, if there is one
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Self:
-        """Make the excess of a block `raw` over its background, (band, row, column), or over its local mean if None."""
+        """Make the excess of a block `raw` over its background, (band, row, column); None: over its local mean."""
         planes = [raw[b] for b in stage.bands]
         if background is None:
             return cls(stage, planes, [np.asarray(cv2.blur(p, (MEAN_WINDOW,) * 2)) for p in planes], afloat=True)
@@ -193,10 +193,11 @@ class Excess:
         return grown(full, 3)
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
-        """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, likeliest target spectrum (its index),
-        (row, column) each. They are computed at and around `peaks`, and 0 elsewhere. S is 0 where it is at most `LONE`,
-        fewer than three bands (if `afloat`, none with dark water) are lit, or pixels are `saturated`. The score is the
-        sum of S over 3 x 3 pixels; above ln(1 / `RATE`), the log likelihood ratio of a common `outline` is added.
+        """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, and index of the likeliest spectrum of
+        a target, (row, column) each; computed at and around `peaks`, and 0 elsewhere. S is set to 0 where it is at most
+        `LONE`, where fewer than three bands are lit (or, if `afloat`, no band with dark water), and where pixels are
+        `saturated`. The score is the sum of S over 3 x 3 pixels. Where this sum exceeds ln(1 / `RATE`), the log
+        likelihood ratio of a common `outline` is added to it.
         """
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
         S, known, kind = np.zeros(shape, np.float32), self.saturated(), np.zeros(shape, np.uint8)
@@ -228,10 +229,10 @@ class Excess:
         return spectra.same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Flat indices of pixels; contrast to restore, (band, pixel) [unit of the band]; arguments as `scores` returns.
-        Up to two pixels beside a target, it is the contrast of the nearest pixel of the target times a factor, 0 to 1:
-        the second lowest, of all bands, of the ratios of excess to contrast. On a target, the contrast is at most the
-        excess plus 3 times the noise.
+        """Flat indices of pixels, and contrast to restore in them, (band, pixel) [unit of the band]. The arguments are
+        the results of `scores`. On a target, the contrast is at most the excess plus 3 times the noise. Up to two
+        pixels beside a target, it is the contrast of the nearest pixel of the target times a factor of 0 to 1. The
+        factor is the second lowest of the ratios, one for each band, of excess to contrast.
         """
         on = grown(self.stage.threshold < T, 3) & (S > 0)
         places = np.flatnonzero(on)
@@ -313,7 +314,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the sample's pixels in or beside which a score exceeds `stage.threshold`, if `afloat` is False."""
+    """Share of the sample's pixels in or beside which a score, with `afloat` False, exceeds `stage.threshold`."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -321,8 +322,8 @@ def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> flo
 def with_texture(stage: Targets, e: Float32) -> Targets:
     """The stage with a `noise` that includes texture of the water, such as a bottom; `e` (band, pixel) as in `score`.
     `noise` squared becomes the variance of the darker half of the pixels that are not lit in bands with dark water,
-    minus the variance of glint. This has the spectrum of glint and is the largest that exceeds no band with dark water.
-    `noise` never decreases.
+    minus the variance of glint. The standard deviation of glint has the spectrum of glint, and is as large as
+    it can be without exceeding that of these pixels in a band with dark water. `noise` never decreases.
     """
     s, glint, dark = np.array(stage.noise), np.array(stage.glint), stage.dark
     quiet = e[:, (e[dark] < EXCEEDS * s[dark, None]).all(axis=0)]

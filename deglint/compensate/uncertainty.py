@@ -36,7 +36,7 @@ SPAN = 7  # side of the window for the local range of a background [pixel]: erro
 LEAST_R2 = 0.25
 """Lower limit of R2, for the standard error of a slope: where glint explains less of a band's variance, the rest is
 mostly signal of the water. With this limit, the true slope is at most twice the fitted slope."""
-ABOVE_LOW = NormalDist().inv_cdf(1 - WATER_PERCENTILE / 100)  # decrease of the percentile by normal noise [sigma]
+ABOVE_LOW = NormalDist().inv_cdf(1 - WATER_PERCENTILE / 100)  # decrease of this percentile by normal noise [sigma]
 LEAST_BACKGROUND_VARIANCE = 0.25
 """Lower limit of the variance of a background, relative to the variance of noise: it comes from few pixels."""
 
@@ -111,7 +111,7 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
     state : the block, with the light that was `removed`, and the `variance` if a stage has computed it
     model : model of the removal
     errors : result of `fit_replaced` if stages before the removal replace glint. A trial of all stages has measured the
-        error of replaced pixels. Other pixels have the error of noise, in bands without `variance`. In bands that the
+        error of replaced pixels. In bands without `variance`, other pixels have the error of noise. In bands that the
         removal does not correct, the excess over water without glint is added.
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()

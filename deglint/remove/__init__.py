@@ -44,8 +44,8 @@ class Method:
 
     summary: str  # one line for `--help` and the documentation
     fit: Callable[[FitRequest, Any], GlintModel]
-    plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None if it needs none
-    options: tuple[str, ...] = ()  # fields of `FitRequest` that it uses: a recipe refuses the others
+    plan: Callable[[FitRequest], SamplePlan] | None = None  # which statistics to gather; None if `fit` takes none
+    options: tuple[str, ...] = ()  # fields of `FitRequest` that it uses; a recipe refuses others
     neighbours: bool = False  # the method uses neighbouring pixels, so it is fitted to tiles
 
 
@@ -129,7 +129,7 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
-    """Return `block` as floats, NaN where masked, and `sample` as a mask; raise InputError for a wrong shape."""
+    """Return `block` as floats, NaN where masked, and `sample` as a mask (None: all). InputError for a wrong shape."""
     block = np.asanyarray(block)
     if block.ndim != 3 or not block.size:
         raise InputError(f"expected a (band, row, column) array with pixels, got shape {block.shape}.")
@@ -160,10 +160,11 @@ def nir_request(
 ) -> FitRequest:
     """Make the request for a fit from all bands of the scene and the NIR bands, `nir` (0-based).
 
-    use : reference of a band if there are several NIR bands: "mean", their mean; "best", the one that explains the band
-        best; "set", the one that is taken at the same time (`Band.group`). wiener takes the first for "mean" and "best"
-    correct : 0-based bands to correct; by default those of shorter wavelength than the longest NIR band, or all others
-        if none of them has a wavelength. If only some have one, the rest is copied: it may be masks or classes
+    use : reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains the
+        band best; "set", the first NIR band of the same group (`Band.group`), as it is taken at the same time. wiener
+        uses the first NIR band instead of "mean" and "best"
+    correct : 0-based bands to correct. By default these are the bands of shorter wavelength than the longest NIR band;
+        bands without a wavelength, such as masks, are copied. If none but the NIR has one, all others are corrected
     options : regression, floor_percentile, rrs_factor: see `FitRequest`
 
     Raises InputError if a selection is not possible, or an option is out of range.
@@ -185,7 +186,7 @@ def nir_request(
 
 
 def _numbers(value: int | Sequence[int], count: int, name: str) -> list[int]:
-    """`value` as a list of bands; InputError, naming it `name`, if it is empty or not of integers 0 to `count` - 1."""
+    """Bands in `value` as a list. Raises InputError about `name` if there are none, or one is not in 0..`count` - 1."""
     found: list[int] = np.atleast_1d(value).tolist()
     if not all(isinstance(b, int) for b in found):
         raise InputError(f"{name}: want 0-based numbers of bands of the array, got {described(value)}.")

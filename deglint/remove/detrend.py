@@ -30,7 +30,7 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN)
 
     Every sum is made anew from the rows and columns of its square: unlike a running sum it has no drift, and results do
     not depend on tiles, to the bit. An offset of 1e8 costs no precision: the division comes last, and the upper and the
-    lower bits of float64 values are summed separately. It takes 25 ns per pixel and band, 40 ns for float64.
+    lower bits of float64 values are summed separately. A call takes 25 ns per pixel and band, 40 ns for float64.
 
     >>> ramp = np.arange(25.0).reshape(1, 1, 25)
     >>> float(detrend(ramp, size=3)[0, 0, 12])
@@ -78,14 +78,14 @@ def detrend_plane(block: FloatArray, sample: Mask, size: int = LOCAL_MEAN) -> Fl
 
     down, right = (place * weight for place in np.indices(sample.shape, np.float64))
     across = covariance(down, right)
-    ridge = 1e-3  # [pixel^2]: pixels along a line determine no slope across it
+    ridge = 1e-3  # [pixel^2]; the determinant is above 0 also if all pixels lie on a line
     along_down, along_right = covariance(down, down) + ridge, covariance(right, right) + ridge
     determinant = along_down * along_right - across**2
     from_down, from_right = (place - total(place) / count for place in (down, right))
     out = np.full(block.shape, np.nan)
     for band, result in zip(block, out, strict=True):
         values: Float64 = np.where(sample, band, 0.0).astype(np.float64)
-        values -= weight * (values.sum() / max(weight.sum(), 1.0))  # an offset costs no precision
+        values -= weight * (values.sum() / max(weight.sum(), 1.0))  # so that an offset costs no precision
         with_down, with_right = covariance(values, down), covariance(values, right)
         rise = (along_right * with_down - across * with_right) * from_down
         rise += (along_down * with_right - across * with_down) * from_right

@@ -17,20 +17,20 @@ FURTHER_FROM = 680.0
 """Shortest wavelength of further references [nm]: from here on water absorbs half of the light within .7 m. Red bands
 show objects and plumes: with them as references, a fifth of the objects in simulated scenes lost their contrast."""
 TEST_TILES = 4  # tiles on which further references are tested, spread over the sample
-EVEN_SIDE = 9  # window of the local means in the test [pixel]: wider than kernels, narrower than bottoms and plumes
+EVEN_SIDE = 9  # window of the local means in the test [pixel]: wider than kernels, narrower than reefs and plumes
 MOST_MOVED = 2.0
-"""Upper limit of the standard deviation of the change of local means, relative to the noise of a pixel. A plume or a
-bottom that red edge shows exceeds it several times."""
+"""Upper limit of the change of local means by further references: standard deviation over the pixels, relative to the
+noise of a pixel. Where red edge shows a plume or the bottom, the change is several times larger."""
 
 
 def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:
     """Red-edge bands (0-based) that can be used as further references, as they show no signal of the water.
 
     Red-edge bands are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom,
-    plumes or algae, these would be subtracted from the shorter bands. So the glint is removed with and without them. If
-    they reduce the variance about local means, they remove glint and noise. If they change the local means where glint
-    is weak, they may remove signal. If this change exceeds that reduction, or in any band `MOST_MOVED` times the noise,
-    the test is repeated without the shortest red-edge band.
+    plumes or algae, these would be subtracted from the shorter bands. A test removes glint with and without red-edge
+    bands. If they reduce the variance about local means, they remove glint and noise. If they change the local means
+    where glint is weak, they may remove signal. If the change exceeds the reduction, or `MOST_MOVED` times the
+    noise in any band, the test is repeated without the shortest red-edge band. The result may be empty.
     """
     longest = longest_that(request, lambda _: True)
     if not longest:
@@ -41,7 +41,7 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-    """Bands to correct from `FURTHER_FROM` nm on (0-based). While `serve(bands)` is False, the shortest is dropped."""
+    """Bands to correct (0-based) from `FURTHER_FROM` nm on; while `serve(bands)` is False, the shortest is dropped."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more and not serve(tuple(more)):
@@ -62,9 +62,9 @@ def _predicted(ready: Prepared, more: tuple[int, ...]) -> list[FloatArray]:
 def _harmless(ready: Prepared, plain: list[FloatArray], more: tuple[int, ...]) -> bool:
     """Whether further references `more` (0-based) change local means as little as `more_references` requires. False if
     nothing can be tested, or all corrected bands are references. `plain` is the result of `_predicted` without `more`.
-
-    The change is a variance over the half of the pixels with less glint. What is removed is taken over the same pixels
-    or over all, whichever is more. Both are relative to the variance about local means, and summed over bands.
+    The change is the variance of the changes of local means, over the half of the pixels with less glint. The reduction
+    of the variance about local means is computed over the same pixels and over all pixels, and the larger one is taken.
+    Change and reduction are divided by the variance about local means without `more`, and summed over bands.
     """
     shorter = [k for k, band in enumerate(ready.request.correct) if band not in more]
     inside, longer = [t.sample for t in ready.tiles], _predicted(ready, more)

@@ -11,7 +11,7 @@ from .model import GlintIndex, GlintModel
 from .request import FitRequest, linear_model
 
 A = 0.000019  # constant term of the water-leaving part at 750 nm [sr^-1]
-B = 0.1  # increase of the water-leaving part at 750 nm with Rrs(640) - Rrs(750)
+B = 0.1  # water-leaving part at 750 nm, without the constant term, over Rrs(640) - Rrs(750)
 
 
 def fit(request: FitRequest, _stats: None = None) -> GlintModel:

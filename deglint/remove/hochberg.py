@@ -17,7 +17,9 @@ def plan(request: FitRequest) -> SamplePlan:
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """Fit L'_i = L_i - f (L_i(p) - L_i(q)), f = (NIR - NIR(q)) / (NIR(p) - NIR(q)); NIR: maximum at p, minimum at q.
+    """Fit L'_i = L_i - f (L_i(p) - L_i(q)), with f = (NIR - NIR(q)) / (NIR(p) - NIR(q)).
+
+    L_i is the value of band i, L'_i the result; p is the pixel with the largest NIR, q the one with the smallest.
 
     Hochberg, Andrefouet, Tyler (2003), "Sea surface correction of high spatial resolution Ikonos images to improve
     bottom mapping in near-shore environments", IEEE Transactions on Geoscience and Remote Sensing 41, 1724-1729,

@@ -5,9 +5,10 @@ r"""Kernels that predict bands from the neighbourhoods of pixels in references: 
 The vector v(x) has the references (r) at every offset in a window of up to `SIDE` pixels, then the bands (b), all
 minus their means; G_rr and G_rb are parts of G, lambda is a small ridge. There is one Gram matrix G for each square
 of `CELL` x `CELL` pixels of the sample. The response of a kernel is the change of the band if the NIR rises by 1: the
-sum of its coefficients, with those on other references times the slope of these on the NIR. Its support is the side of
-its window on each reference. The fit is repeated without each group of squares in turn: residuals in the group that is
-left out select the support (cross-validation), the scatter of responses gives their covariance (jackknife).
+sum of its coefficients, where coefficients on another reference are multiplied by the slope of this reference on the
+NIR. The support of a kernel is the side of its window on each reference. The fit is repeated without each group of
+squares in turn: residuals in the group that is left out select the support (cross-validation), the scatter of responses
+gives their covariance (jackknife).
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,7 +32,8 @@ WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
 """The same if the second reference is SWIR. SWIR is then always used: it distinguishes glint from turbid water, which
 is bright in the NIR, and the residuals by which supports are compared do not show this advantage."""
 WORTH, WORTH_WIDER = 0.01, 0.002
-"""Least relative reduction of RMS residuals by a removal (`WORTH`), and by a wider kernel or second reference."""
+"""Least relative reduction of RMS residuals for which a removal is made (`WORTH`), and for which a wider kernel or a
+second reference is used (`WORTH_WIDER`)."""
 FOLDS = 16  # groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %
 
 
@@ -43,7 +45,7 @@ def offsets(side: int) -> tuple[tuple[int, int], ...]:
 
 class LagGrams(NamedTuple):
     """Gram matrices of a sample, one for each square: sums over its pixels of products of two variables.
-    The variables are each reference at each offset in a square window of its side, then each band to predict.
+    The variables are each reference at each offset in a square window (`sides`), then each band to predict.
     """
 
     grams: Float64  # (square, variable, variable), with the mean of the square subtracted
@@ -56,7 +58,7 @@ class LagGrams(NamedTuple):
         return self._replace(grams=self.grams[chosen], pixels=self.pixels[chosen], places=self.places[chosen])
 
     def columns(self, reference: int, side: int) -> list[int]:
-        """Indices of the rows of a Gram matrix for a kernel of this side [pixel] on one reference (0 for the first)."""
+        """Indices of the rows of a Gram matrix for a kernel of this `side` [pixel] on a `reference` (0: the first)."""
         inside, first = set(offsets(side)), sum(s * s for s in self.sides[:reference])
         return [first + i for i, offset in enumerate(offsets(self.sides[reference])) if offset in inside]
 
@@ -71,8 +73,8 @@ class LagGrams(NamedTuple):
 
 
 def kernel_squares(sample: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
-    """Yield the squares of `CELL` x `CELL` pixels in which enough pixels can be used for fitting: (row, column) slices,
-    and a mask of these pixels, around which the largest kernel (`SIDE`) covers only pixels of the `sample`.
+    """Yield (row, column) slices of each square of `CELL` x `CELL` pixels that has enough pixels for a fit, and a mask
+    of these pixels. Around each of them, the largest kernel (`SIDE`) covers only pixels of the `sample`.
     """
     inner = eroded(sample, SIDE)
     return ((s, inner[s]) for s in squares(sample.shape, CELL) if inner[s].sum() >= LEAST_OPEN * CELL**2)
@@ -145,7 +147,7 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
-    """Residual sum of squares (..., output) of `coefficients` (input, output); `gram` (..., row, row); see `solve`."""
+    """Residual sums of squares (..., output) for `coefficients` from `solve`; `gram` is one Gram matrix or several."""
     rows = gram[..., inputs, :]
     power, cross = rows[..., inputs], rows[..., outputs]
     rest = gram[..., outputs, outputs] - 2 * (coefficients * cross).sum(axis=-2)
@@ -157,7 +159,7 @@ class BandSet(NamedTuple):
 
     references: tuple[int, ...]  # 0-based bands of the scene
     bands: tuple[int, ...]  # positions in `FitRequest.correct`
-    supports: tuple[tuple[int, ...], ...]  # to choose from: sides of kernels on each reference, smallest first
+    supports: tuple[tuple[int, ...], ...]  # to choose from, smallest first: sides of kernels [pixel]
 
 
 class KernelFit(NamedTuple):
@@ -166,7 +168,7 @@ class KernelFit(NamedTuple):
     references: tuple[int, ...]  # as in `BandSet`
     bands: list[int]  # as in `BandSet`
     support: tuple[int, ...]  # side of the kernel on each reference [pixel]
-    coefficients: Float64  # (variable, band)
+    coefficients: Float64  # (variable, band): weight of each reference at each offset
     response: Float64  # (band,): change of a band if its NIR rises by 1 everywhere
     left_out: Float64  # (group, band): the response fitted without each group of squares; empty for a single group
     loss: Float64  # (band,): residual power in squares left out of the fit, over the power of the band in all squares
@@ -176,7 +178,7 @@ class KernelFit(NamedTuple):
 def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
     """Select the support of each band (side of its kernel on each reference), and fit kernels; one result per support.
 
-    Raises FitError if the references do not vary, or if sums of squares exceed double precision.
+    Raises FitError if the first reference (the NIR) does not vary, or if sums of squares exceed double precision.
     """
     outputs, count = grams.outputs, min(FOLDS, len(grams.grams))
     groups = [grams.grams[a:b].sum(axis=0) for a, b in pairwise(np.arange(count + 1) * len(grams.grams) // count)]
@@ -202,7 +204,9 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) in each group after a fit to the others (if any), over the band's power in all."""
+    """Residual power in each group of squares after a fit to the other groups, over the band's power in all groups.
+    The result is (group, band). A single group is fitted itself. For a constant band, the sum over groups is 1.
+    """
     power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
     shares = np.array(left) / np.maximum(power, np.finfo(float).tiny)
@@ -210,7 +214,9 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: a common one, or its own if clearly better; `losses` are of `_held_out`, smallest first."""
+    """Support of each band: the one common to all bands, or another one if it is clearly better for the band.
+    `losses` has the result of `_held_out` for each support, smallest support first.
+    """
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
@@ -233,7 +239,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Response (output,): rise of each band if the NIR rises by 1, and other references as predicted from the NIR."""
+    """Response (output,): rise of each band if the NIR rises by 1 and other references rise as the NIR predicts."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
@@ -245,14 +251,13 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
 
 
 def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64, Float64]:
-    r"""Responses s of `bands` bands, (band,), in fits `found`; covariance V, (band, band), by jackknife over G groups;
-    and their losses, (band,).
+    r"""Join fits `found` of `bands` bands: responses s (band,), their covariance V (band, band), and losses (band,).
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 
-    with s_{-g} the responses fitted without group g of squares. If a band is in several fits (kinds of strips), s and
-    the loss are their means, weighted by pixels. With fewer than two groups, the standard error of a response is the
-    response itself.
+    with s_{-g} the responses fitted without group g of the G groups of squares (jackknife). If a band is in several
+    fits (one for each kind of strip), s and the loss are means over these fits, weighted by pixels. With fewer than two
+    groups, the standard error of a response is the response itself.
     """
     share = np.sum([f.pixels * np.bincount(f.bands, minlength=bands) for f in found], axis=0)
     groups = min((len(f.left_out) for f in found), default=0)

@@ -26,10 +26,10 @@ MOSTLY_CLEAR, SPARSE, SHEET_SPAN = 0.05, 0.1, 0.3
 of the lower half of the predictions (the NIR that the kernels predict), relative to the range from their median to
 their 99th percentile: .007 to .02 for pixels that resolve sparkle, .2 for pixels of 5 m, .32 to .5 for 10 m."""
 NORMAL_TAIL, RARE = 1.65, 0.3
-"""If waves are resolved, or glint is no sheet, it is clear (rare from a span of `SPARSE` on) also if the 1st percentile
-of the predictions is more than `NORMAL_TAIL` times as far from the median as the 10th (1.82 for noise with a normal
-distribution; more beside dark rings of resampling), and if the even share (`even_share`) is below `RARE`."""
-LEAST_GLINT, LEAST_DENSE, LEAST_CLEAR = 0.2, 0.05, 40.0  # shares with the least glint, see `GLINT_KINDS` [%]
+"""If waves are resolved, or glint is no sheet, a second test is made: the 1st percentile of the predictions is more
+than `NORMAL_TAIL` times as far from the median as the 10th (1.82 for normal noise, more beside dark rings of
+resampling), and `even_share` is below `RARE`. Glint is then clear, or rare if the span is at least `SPARSE`."""
+LEAST_GLINT, LEAST_DENSE, LEAST_CLEAR = 0.2, 0.05, 40.0  # shares of the sample in `GLINT_KINDS` [%]
 AVERAGED = 3  # side of the window of the means and of the binomial filter in `GLINT_KINDS` [pixel]
 GLINT_KINDS = {
     "clear": ("mean", LEAST_CLEAR, False),
@@ -38,25 +38,26 @@ GLINT_KINDS = {
     "dense": ("binomial", LEAST_DENSE, True),
     "sheet": ("pixel", LEAST_DENSE, True),
 }
-"""Kinds of glint: where the least glint is searched; share of the sample with the least glint [%], in which the level
-is the median of the predictions; whether local means must not become negative, in place of single pixels, which errors
-of the kernels make negative. Where glint is clear or rare, most pixels differ by noise alone. Where it is sparse, some
-water has none, and means of pixels are searched: in single pixels the lowest noise would be taken as the level. Where
-it is dense, such a mean always has glint, and a binomial filter suppresses noise and the negative lobes of resampling.
-In a sheet every pixel may have glint, which changes from pixel to pixel, so single pixels are used: an image does not
-show how much of the minimum is water and how much is an even sheet of glint."""
+"""Three properties of each kind of glint. The first says where the least glint is searched: in means of pixels, after a
+binomial filter, or in single pixels. The second is the share of the sample with the least glint [%], and the level is
+the median of the predictions in this share. The third is True if local means must not become negative, False if single
+pixels must not; errors of the kernels make some pixels negative. Where glint is clear or rare, most pixels differ by
+noise alone. Where it is sparse, some water has none, and means of pixels are searched: in single pixels the lowest
+noise would be taken as the level. Where it is dense, such a mean always has glint, and a binomial filter suppresses
+noise and the negative lobes of resampling. In a sheet every pixel may have glint, which changes from pixel to pixel, so
+single pixels are used: an image does not show how much of the minimum is water and how much is a sheet of glint."""
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
 excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
 NEGATIVE_SHARE = 0.1  # share of pixels with little glint (or of local means) that may be negative after removal [%]
-SUBTRACTED = 0.05  # share of negative values before removal from which a band may be negative: its water already is
+SUBTRACTED = 0.05  # a band with this share of negative values before the removal may be negative: its water is
 DARKER = 0.75
-"""Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
-2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
+"""Largest ratio of NIR to visible light of water, divided by the same ratio for glint. It rises with sediment (Doxaran
+et al. 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
 turbid estuaries only; mirrored sky and haze have .4 to .75."""
 LEVEL_PIXELS = 50_000  # pixels from which the error of the level is estimated: about 100 of them have the least glint
 LEAST_OF_MEDIAN = 0.5
-"""Largest ratio of least to median glint where all pixels have some: waves make it .23 to .48 at 1.6 to 10 m."""
+"""Largest ratio of least to median glint if all pixels have glint: waves make it .23 to .48 in 1.6 to 10 m pixels."""
 
 
 def mode(sample: FloatArray) -> float:
@@ -110,7 +111,7 @@ def even_share(sample: FloatArray) -> float:
     """
     values = np.sort(sample.astype(np.float64))
     middle, step, half = float(np.quantile(values, 0.5)), _step(values), (values.size + 1) // 2
-    if step > 0:  # interpolated within its step
+    if step > 0:  # the median is interpolated within its step
         below, upto = (np.searchsorted(values, middle + d * step) for d in (-0.5, 0.5))
         middle += step * ((values.size / 2 - int(below)) / max(int(upto - below), 1) - 0.5)
     away = values - middle
@@ -127,7 +128,7 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
         fine = max(1.0, round(fine / step)) * step
     last = max(float(np.quantile(values, 0.99)), float(values[0]) + 1000 * fine)
     middle = values[: np.searchsorted(values, last, side="right")]
-    if (middle[-1] - middle[0]) / fine > _MOST_BINS:  # a far tail below: keep what surrounds the bulk
+    if (middle[-1] - middle[0]) / fine > _MOST_BINS:  # a far tail below: keep values around the median
         middle = middle[middle >= np.quantile(values, 0.5) - _MOST_BINS * fine / 2]
         middle = middle[: np.searchsorted(middle, middle[0] + _MOST_BINS * fine)]
     low = middle[0] - fine / 2
@@ -148,7 +149,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the maximum of `counts` (bin,), refined by a parabola; the middle of the first run of ties."""
+    """Position [bin] of the maximum of `counts` (bin,), by a parabola; of equal maxima, the middle of the first run."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -159,7 +160,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The `sample` without pixels near strong glint, which resampling darkens; `together` is slopes @ predictions."""
+    """The mask `sample` without pixels near strong glint: resampling darkens them. `together`: slopes @ predictions."""
     return sample & ~grown(together > np.percentile(together[sample], STRONG_PERCENTILE), PIT)
 
 
@@ -167,12 +168,12 @@ def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
 class LevelSample:
     """Values of the pixels of a sample from which `shared_level` determines the glint-free level of all bands."""
 
-    prediction: FloatArray  # (band, pixel): NIR at time and sharpness of the band, by its kernel [unit of the NIR]
+    prediction: FloatArray  # (band, pixel): NIR at the time of the band, predicted by its kernel [unit of the NIR]
     value: FloatArray  # (band, pixel): value before the removal [unit of the band]
     mean: FloatArray  # (pixel,): sum over bands of prediction times slope, mean of `AVERAGED` x `AVERAGED` pixels
     binomial: FloatArray  # (pixel,): the same sum after a binomial filter of this size
     local: FloatArray  # (band, pixel): local mean of prediction - value / slope [unit of the NIR]
-    apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
+    apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); all may if none is True
 
     def some(self, which: Mask | slice) -> Self:
         """The sample reduced to the pixels that `which`, a mask (pixel,) or a slice, selects."""
@@ -187,7 +188,8 @@ def shared_level(
     The level of a band is the prediction by its kernel (`LevelSample.prediction`) for water without glint.
 
     slopes : (band,), glint of the band divided by the glint of its NIR
-    of_glint : (band,), the slope of glint alone in visible bands, which limit the possible NIR of the water; else NaN
+    of_glint : (band,), the slope of glint alone in visible bands, NaN in other bands. The visible bands limit the
+        possible NIR of the water; with None there is no such limit
     resolved : True if pixels are smaller than waves
 
     The three levels are the lowest one with which almost no pixel with little glint becomes negative, the chosen one,
@@ -276,7 +278,9 @@ def _darkest(sample: LevelSample, slopes: Float64, of_glint: Float64 | None) -> 
 
 
 def span_of(together: FloatArray, apart: Mask | None = None) -> float:
-    """(Median - least) / (99th percentile - median) of predicted NIR, (pixel,); least: percentile 0.1 in `apart`."""
+    """Span of the predicted NIR `together`, (pixel,): (median - least) / (99th percentile - median).
+    The least is percentile 0.1 of the pixels in the mask `apart`, or of all pixels if it is None or nowhere True.
+    """
     middle, strong = np.percentile(together, [50.0, 99.0])
     low = together if apart is None or not apart.any() else together[apart]
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))

@@ -2,11 +2,11 @@ r"""Mixture: removal of the weak glint that is left after strong glint was repla
 
 .. math:: L'_b = L_b - (p_b - p_{b0}), \qquad p_b(x) = \sum_r \sum_o k_{bro} L_r(x + o)
 
-with r the NIR and red-edge references and o the offsets in 3 x 3 pixels. The kernels k are fitted without subtraction
-of a local mean: the signal that remains after an opening is faint glint, swell and reflected sky, which vary over
-longer distances. This signal is symmetric about its level p_b0, so p_b - p_b0 may be negative. The kernels minimise the
-sum, over squares of pixels of the sample, of the root mean square residual in the square. This sum gives little weight
-to squares with an object under glint, to which least squares would be sensitive.
+with L_b the values of band b, r the NIR and red-edge references, o the offsets in 3 x 3 pixels. The kernels k are
+fitted without subtraction of a local mean: the signal that remains after an opening is faint glint, swell and reflected
+sky, which vary over longer distances. This signal is symmetric about its level p_b0, so p_b - p_b0 may be negative. The
+kernels minimise the sum, over squares of pixels of the sample, of the root mean square residual in the square. This sum
+gives little weight to squares with an object under glint, to which least squares would be sensitive.
 
 This is the removal in a compensation with an opening (`deglint.compensate`). It fails where the references show the
 bottom. Red edge is not used if it would remove a turbid plume that is added to the sample for a test.
@@ -30,14 +30,14 @@ from .wiener import SampleTile
 
 MIXTURE_SIDE = 3  # side of the kernels [pixel]
 REWEIGHTED = 5  # iterations of reweighting: the error on simulated seas changes by less than 1 % after the third
-LEAST_LEFT = 0.1  # lower limit of the mean square residual of a square, relative to the median: none may dominate
+LEAST_LEFT = 0.1  # lower limit of the mean square residual of a square, over the median: no square may dominate
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
 PLUME = 0.5  # brightness of a plume relative to the water
 WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint [%]
 SKEWED, CLEAR = 0.15, 1.0
-"""If the span of the predictions (see `levels.MOSTLY_CLEAR`) is less than `SKEWED`, some water has no glint, and its
-share is set to at least `CLEAR` %."""
+"""If the span of the predictions (see `levels.MOSTLY_CLEAR`) is less than `SKEWED`, some water has no glint, and the
+share of this water is set to at least `CLEAR` %."""
 DARK_PERCENTILE = 5.0
 """Percentile of the results over the sample [%]. The removal makes no pixel darker than this: where a clump of glint
 fills the window in the NIR only, the prediction is too large. Pixels that were darker before keep their values."""
@@ -82,7 +82,7 @@ def fit(request: FitRequest, tiles: list[SampleTile], clear: float, cut: Sequenc
 
 
 def _fitted(request: FitRequest, tiles: list[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> GlintModel:
-    """Fit kernels of each band on bands `nir`, and on those of `more` of longer wavelength (0-based); levels are 0."""
+    """Fit kernels of each band on bands `nir` and the longer ones of the bands `more` (0-based); levels are 0."""
     every = (*nir, *more)
     sides = [MIXTURE_SIDE] * len(every)
     parts = [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides) for t in tiles]
@@ -107,7 +107,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
     """Coefficients (input, 1; see `solve`) with the least sum, over squares of pixels, of RMS residuals."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
-        found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads
+        found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # same for any threads
         left = unexplained(grams.grams, inputs, output, found)[:, 0] / grams.pixels
         least = LEAST_LEFT * float(np.median(left))
         if not least > 0:

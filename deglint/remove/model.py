@@ -35,9 +35,9 @@ class GlintIndex:
     """A glint index g, which is a weighted sum of bands, and its level g0, which is the value of g without glint."""
 
     bands: tuple[int, ...]  # 0-based bands of the index
-    weights: tuple[float, ...]  # of each band
+    weights: tuple[float, ...]  # weight of each band
     level: float = 0.0  # g0 [unit of the index]
-    offsets: tuple[tuple[int, int], ...] = ()  # (row, column) at which each band is read [pixel]; empty: at the pixel
+    offsets: tuple[tuple[int, int], ...] = ()  # (row, column) at which each band is read [pixel]; empty: (0, 0)
 
     def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> Float64:
         """The weighted sum g, (row, column), from bands (row, column) in `planes`; offsets and level are not used."""
@@ -56,7 +56,7 @@ class BandFit:
     index: int  # position of the glint index in `GlintModel.indexes`
     slope: float  # b_i [unit of the band per unit of the index]
     stderr: float | None = None  # standard error of the slope; None if the method does not estimate it
-    r2: float | None = None  # share of the band's variance in the sample that the index explains; None without sample
+    r2: float | None = None  # share of the band's variance in the sample that the index explains; None: unknown
     n: int = 0  # pixels of the sample that were fitted
     floor: float | None = None  # the removal makes no pixel darker than this [unit of the band]; None: no limit
 
@@ -80,16 +80,16 @@ class GlintModel:
     warnings : tuple of str
         Warnings about the fit.
     references : tuple of ReferenceRule
-        How ships, surf and land in each reference are replaced before kernels are applied; empty without kernels.
+        How ships, surf and land in each reference are replaced before kernels are applied; empty without a kernel.
     level_interval : (float, float, float), optional
         Levels common to all bands [unit of the index]: the lowest that makes (almost) no pixel negative after removal;
-        the chosen one; and the median of the predicted NIR.
+        the chosen one; and the median of the predicted NIR. Only wiener sets it.
     level_stderr : float, optional
-        Standard error of the chosen level [unit of the index].
+        Standard error of the chosen level [unit of the index]; None if it was not estimated.
     strips : Strips, optional
         Where detector strips of two kinds, with opposite band delays, are in the scene; None if there is one kind.
     second : tuple of GlintIndex
-        Glint indexes for the second kind of strip, in the order of `indexes`; empty without strips.
+        Glint indexes for the second kind of strip, in the order of `indexes`; empty if `strips` is None.
     signed : bool
         True if kernels may also add light, where they predict less than the level (`deglint.remove.mixture`).
     """

@@ -4,9 +4,10 @@ Several longer bands together predict glint better than the NIR alone. Least squ
 
     L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
 
-with L_i the values of band i, r over longer bands from 640 nm to the greater of 1050 nm and the longest NIR (over the
-other NIR if there are none, or wavelengths are not known), C the covariance in the sample, p_i0 the 5th percentile of
-p_i, or `floor_percentile`. One reference, no ridge and percentile 0 would be the method of Hedley.
+with L_i the values of band i, C the covariance in the sample, and p_i0 the 5th percentile of p_i, or the percentile
+`floor_percentile` if that is above 0. The references r are the bands of longer wavelength than band i, from 640 nm to
+1050 nm, or to the longest NIR if that is longer. If there are none, or if wavelengths of band i or the NIR are not
+known, the references are the other NIR bands. One reference, no ridge and percentile 0 give the method of Hedley.
 
 The method assumes that deep water is black, or uniform, in the references. Over shoals the red bands show the bottom,
 and bright bottoms become too dark. The ridge prevents large opposite weights of collinear references. The method fails
@@ -26,7 +27,7 @@ SHORTEST_REFERENCE = 640.0  # shortest wavelength of a reference [nm]
 
 
 def references(request: FitRequest, band: int) -> tuple[int, ...]:
-    """0-based bands on which a band is regressed: the longer bands of the module's equation; if none, the other NIR."""
+    """0-based bands on which a band is regressed: longer bands, or the other NIR bands if there are none."""
     waves = [b.wavelength or 0.0 for b in request.bands]
     nir = {b for index in request.indexes for b in index.bands}
     known = all(waves[b] for b in (band, *nir))

@@ -9,7 +9,7 @@ from ..scene import FloatArray
 from .detrend import detrend
 
 FAINT = 10.0
-"""Glint at which the error that kernels leave, about a tenth of it, equals the noise [standard deviations of noise]."""
+"""Glint at which the error that kernels leave, a tenth of the glint, equals the noise [standard deviation of noise]."""
 LEAST_NOISE, HIDDEN_NOISE = 1e-6, 0.01
 """Relative to the strongest glint: noise below `LEAST_NOISE` is hidden by rounding (a step of 16 bits is 1.5e-5), and
 is set to `HIDDEN_NOISE`, with which the strongest glint has a weight of 0.01 (see `faint_weight`)."""
@@ -21,7 +21,7 @@ def spread(values: FloatArray) -> float:
 
 
 def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
-    """Standard deviation of a band's noise [its unit], from second differences along columns in the darker half; > 0.
+    """Standard deviation of a band's noise [its unit], from second differences along columns in darker pixels; > 0.
 
     planes, inside : for each tile, finite values of the band and mask of the pixels to use, (row, column) each
 

@@ -46,7 +46,7 @@ def predictions(
 
 
 def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
-    """Filter references with the kernels of an index. `wide` has them with a border, which the result omits."""
+    """Sum over the references of their values filtered by the kernels of an index; without the border of `wide`."""
     import cv2
 
     inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
@@ -73,7 +73,7 @@ def glint(
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
     limited by `BandFit.floor`, and never negative unless the model is signed. Also returns a mask of the same shape,
-    True where water is too bright for glint and `clean` replaced it in a reference, and next to it; None if nowhere.
+    True where water is too bright for glint, so that `clean` replaced it, and beside it; None if no water is so bright.
     """
     height, width = water.shape
     inner = slice(crop[0], height - crop[1]), slice(crop[2], width - crop[3])
@@ -122,7 +122,7 @@ def apply(
     Parameters
     ----------
     block : (band, row, column) float32 or float64 ndarray
-        Physical values, NaN or masked where not valid; from the scene's first pixel on if `model.strips` is set.
+        Physical values, NaN or masked where not valid. If `model.strips` is set, it begins at the scene's first pixel.
     model : GlintModel
     where : (row, column) bool ndarray, optional
         True where pixels are corrected; others are copied. A model with kernels takes it as the mask of water, too.

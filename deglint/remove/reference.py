@@ -39,7 +39,7 @@ class ReferenceRule:
     limit: float  # largest excess of glint above the mean of the water around it [unit of the band]
     least: float  # smaller values cannot exceed the water around them by more than `limit` [unit of the band]
     low: float  # for local means, values are quantised: (value - low) / step as integers [unit of the band]
-    step: float  # [unit of the band]
+    step: float  # quantisation step, see `low` [unit of the band]
     edge: int = 1  # width of the mixed pixels around anything that is not open water [pixel]
     noise: float = 0.0  # standard deviation of the noise that `clean` reduces [unit of the band]; 0: not reduced
 
@@ -54,12 +54,12 @@ def fit_reference(
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
-    tiles : for each tile the band and a mask of open water away from shores, (row, column); little water sets no limit
+    tiles : for each tile the band and a mask of open water away from shores, (row, column); small masks set no limit
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
-    sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, and if glint is on a part of the
-        scene (`OFTEN`), the limit is at least the excess of one pixel in a million, extrapolated by a power law through
-        the 99th and the 99.9th percentile of the excess
+    sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, or if glint covers only a part of
+        the scene (`OFTEN`), the limit is at least the excess of one pixel in a million, extrapolated by a power law
+        through the 99th and the 99.9th percentile of the excess
     smooth : whether `clean` reduces the noise of the reference (`_smoothed`)
     """
     tiles = [(values, sample & np.isfinite(values)) for values, sample in tiles]
@@ -92,13 +92,13 @@ def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
     """Replace pixels of a reference that are no open water, or too bright for glint, by the mean of the water around.
-    Its noise is then reduced if `rule.noise` is not 0 (`_smoothed`).
+    The noise of the reference is then reduced if `rule.noise` is not 0 (`_smoothed`).
 
     values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
     water : (row, column), True over water; ships may be True or False
 
     Returns the new reference, (row, column), or `values` itself if nothing is changed; it is 0 where there is no water
-    around. Also returns a mask of open water that was too bright for glint, with the pixels next to it; None if none.
+    around. Also returns a mask of open water too bright for glint, with the pixels next to it; None if there is none.
     """
     out, over = _replaced(values, water, rule)
     return _smoothed(out, rule) if rule.noise else out, over
@@ -109,8 +109,8 @@ def _smoothed(values: FloatArray, rule: ReferenceRule) -> FloatArray:
 
     .. math:: R' = m + \max(0, 1 - s^2 / v) (R - m)
 
-    m and v are mean and variance in `NOISE_SIDE` x `NOISE_SIDE` pixels, s is `rule.noise`. Without this, the noise of
-    the NIR is added to the bands in water without glint, or the kernels of such water leave glint elsewhere.
+    m and v are mean and variance in `NOISE_SIDE` x `NOISE_SIDE` pixels, s is `rule.noise`. Without this, kernels
+    add the noise of the NIR to the bands where water has no glint; or they suppress the noise, and leave more glint.
 
     Lee (1980), IEEE Transactions on Pattern Analysis and Machine Intelligence 2, 165-168,
     doi:10.1109/TPAMI.1980.4766994.

@@ -22,14 +22,14 @@ SIGNIFICANT = 3.0  # a slope that exceeds zero by fewer standard errors has a wa
 
 @dataclass(frozen=True, slots=True)
 class FitRequest:
-    """What to fit: bands to correct, references and options; InputError if one is out of range or no band is left."""
+    """What to fit: bands to correct, references, options. InputError for a wrong option, or no band to correct."""
 
     bands: tuple[Band, ...]  # all bands of the scene
     correct: tuple[int, ...]  # 0-based bands to correct
     indexes: tuple[GlintIndex, ...]  # NIR references; their levels are not used
     follows: tuple[int | None, ...]  # position in `indexes` for each band of `correct`; None: the index with highest R2
     regression: str = "ols"  # key of `REGRESSIONS`
-    floor_percentile: float = 0.0  # percentile that is the level [%]; 0: that of the method
+    floor_percentile: float = 0.0  # percentile of the index that is its level [%]; 0: the method's own level
     rrs_factor: float = math.pi  # ratio of the values to remote-sensing reflectance [sr]; pi for reflectance
     more: tuple[int, ...] = ()  # 0-based bands that are also references of shorter bands (`deglint.remove.further`)
     faint_glint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
@@ -54,11 +54,11 @@ class FitRequest:
 
     @property
     def nir(self) -> tuple[int, ...]:
-        """0-based NIR band of each band of `correct`, for kernels: the first of its glint index (None: index 0)."""
+        """0-based NIR band of each band of `correct`, for kernels: the first band of its index (None: of index 0)."""
         return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
-        """0-based band nearest to `wavelength` [nm]; BandError, naming `method`, if it is not `within` [nm] of it."""
+        """0-based band nearest to `wavelength` [nm]. BandError about `method` if it is not within `within` [nm]."""
         known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
         if not known or min(known)[0] > within:
             listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
@@ -70,7 +70,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Plan for a fit: moments (for "detrended", about local means), and single pixels if options need them."""
+    """Statistics for a fit: moments (for "detrended", about local means), and single pixels if options need them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index

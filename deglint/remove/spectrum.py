@@ -10,7 +10,7 @@ from .request import FitRequest
 VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 COLOUR = 0.2  # relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth
 ROUNDING = 1e-6  # a slope below this share of the largest is rounding: the band shows no glint
-SUN_ZENITH = 40.0  # for the spectrum of glint [degree], which changes by less than `COLOUR` from 20 to 60
+SUN_ZENITH = 40.0  # for the spectrum of glint [degree]; the spectrum changes by less than `COLOUR` from 20 to 60
 
 
 class CommonGlint(NamedTuple):
@@ -62,11 +62,11 @@ def shared_glint(response: Float64, covariance: Float64, explained: Float64, req
 def slopes_of_glint(slopes: Float64, explained: Float64, request: FitRequest) -> Float64:
     """Slopes that glint alone has, (band,), in visible bands; NaN in other bands, and where a slope is not positive.
 
-    Fitted `slopes` (band,) are up to `COLOUR` too small in all bands where noise or delays hide a part of the glint.
-    They are too large by more than `COLOUR` where foam, whose NIR is darker than that of glint, outshines it. In both
-    cases the slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted slopes. But
-    it is at most that of a regression of the prediction on the band: the slope divided by `explained`, (band,), the
-    share of the variance of each band that its prediction explains; if that is not positive, there is no such limit.
+    A band keeps its slope in `slopes` (band,) except in two cases. If no slope is more than `COLOUR` below the spectrum
+    of glint, each lower slope is raised to the spectrum: noise or delays hide glint. A slope more than `COLOUR` above
+    the spectrum is lowered to it: foam, with a NIR darker than glint, raised it. The spectrum is that of radiance or
+    reflectance, whichever is nearer to `slopes`. The new slope is at most the old one divided by `explained`, (band,),
+    the share of the variance of the band that its prediction explains; if that is not positive, there is no such limit.
     """
     out = np.full(len(slopes), np.nan)
     used = _visible(request) & (slopes > ROUNDING * np.max(slopes))
@@ -74,7 +74,7 @@ def slopes_of_glint(slopes: Float64, explained: Float64, request: FitRequest) ->
         fitted = slopes[used]
         spectrum = min((c[used] for c in spectra(request)), key=lambda c: abs(np.log(np.median(fitted / c))))
         steep = fitted / spectrum
-        alike = (steep > 1 - COLOUR).all()  # else more than noise and delays lessens the slopes
+        alike = (steep > 1 - COLOUR).all()  # else not only noise and delays lessen the slopes
         limit = fitted / np.maximum(explained[used], np.finfo(np.float64).tiny)
         wrong = (steep > 1 + COLOUR) | ((steep < 1) & alike)
         out[used] = np.where(wrong, np.minimum(spectrum, limit), fitted)
@@ -87,7 +87,9 @@ def _visible(request: FitRequest) -> Mask:
 
 
 def spectra(request: FitRequest) -> list[Float64]:
-    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if bands are all 300..1000 nm."""
+    """Possible spectra of glint divided by the glint in the NIR, (band,) each: 1 in all bands (images of reflectance);
+    also that of sunlight (images of radiance) if the wavelengths of all bands and of their NIR are 300 to 1000 nm.
+    """
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

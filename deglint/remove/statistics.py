@@ -5,8 +5,8 @@ number of threads: moments are merged by cell, pixels are selected by position, 
 
 Neighbouring pixels are correlated. If the sample spans enough cells, standard errors are therefore estimated between
 cells (the cluster-robust estimate of Liang and Zeger 1986), else between pixels as if they were independent. A cell
-with much of the glint dominates the slope, so that its residuals are too small. Residuals are divided by the share of
-glint in the other cells (CR3 of Bell and McCaffrey 2002, the jackknife; Cameron and Miller 2015, section VI.B).
+with much of the glint dominates the slope, so that its residuals are too small. So residuals are divided by the share
+of glint in the other cells (CR3 of Bell and McCaffrey 2002, the jackknife; Cameron and Miller 2015, section VI.B).
 
 References
 ----------
@@ -76,7 +76,7 @@ class SampleStatistics:
     cells: CellMoments  # moments of the variables to which slopes are fitted: detrended if the plan says so, else `raw`
     darkest: tuple[Extreme, ...]  # pixel with the smallest value of each index; empty if the sample has no pixel
     brightest: tuple[Extreme, ...]  # the same with the largest value
-    places: npt.NDArray[np.int64]  # (2, pixel): row and column of the kept pixels in the scene; sorted once merged
+    places: npt.NDArray[np.int64]  # (2, pixel): row and column of the kept pixels in the scene; `merge` sorts them
     values: FloatArray  # of the kept pixels: (variable, pixel) if the plan keeps "all", else (index, pixel)
 
     @cached_property
@@ -138,12 +138,12 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
-    """Darkest (`sign` 1) or brightest (-1) pixel in each index, from those of several tiles; the first if equal."""
+    """Darkest (`sign` 1) or brightest (-1) pixel in each index, among those of several tiles; the first of equals."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
-    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each glint index (`variables[bands:]`), the first one."""
+    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each index (`variables[bands:]`), the first of equals."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
         row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])
@@ -163,7 +163,7 @@ def huber(stats: SampleStatistics) -> Float64:
     from sklearn.linear_model import HuberRegressor
 
     def slope_of(x: Float64, y: Float64) -> float:
-        if y.min() == y.max():  # rounding may give it a standard deviation above 0
+        if y.min() == y.max():  # rounding may give y a standard deviation above 0
             return 0.0
         scale_x, scale_y = np.std(x), np.std(y)
         fit = HuberRegressor(alpha=0.0, max_iter=1000, tol=1e-8)
@@ -177,7 +177,7 @@ def theil_sen(stats: SampleStatistics) -> Float64:
     """Slopes (band, index): median of the slopes of all pairs (SciPy) among at most `PAIRED_PIXELS` pixels."""
     from scipy.stats import theilslopes
 
-    with np.errstate(invalid="ignore"):  # from an interval that is not used, if values are equal
+    with np.errstate(invalid="ignore"):  # from a confidence interval that is not used
         return _pixelwise(stats, lambda x, y: float(theilslopes(y, x).slope), PAIRED_PIXELS)
 
 
@@ -221,7 +221,7 @@ def explained(stats: SampleStatistics, slope: Float64) -> Float64:
 
 
 def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Float64:
-    """Slopes (band, index): `slope_of(index values, band values)` of every n-th kept pixel, at most `most` of them."""
+    """Slopes (band, index): `slope_of(index values, band values)` of every n-th kept pixel, at most `most` pixels."""
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)

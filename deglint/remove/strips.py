@@ -46,7 +46,7 @@ class Strips:
 
 
 def _hat(places: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.float32]:
-    """Weight of each of `count` squares at each row or column in `places`, (place, square); 1 at its centre."""
+    """Weight of each of `count` squares at each row or column in `places`, (place, square); 1 at a square's centre."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     return np.maximum(1 - np.abs(at[:, None] - np.arange(count)), 0).astype(np.float32)
 
@@ -55,7 +55,7 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     """Kernels of 3 x 3 pixels, (offset, band) each, of the two kinds of strips; None if one kernel is nearly as good.
 
     In turn, each square of the sample is assigned to the kernel with the smaller residual, and each kernel is fitted to
-    its squares. The first kernels are that of all squares and its point reflection. A kind with few squares gives None.
+    its squares. The first kernels are that of all squares and its point reflection. None if a kind has few squares.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)
@@ -78,7 +78,7 @@ def second_is_better(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
 
 
 def _residual_power(grams: LagGrams, kernel: Float64) -> Float64:
-    """Residual power (square,) of a 3 x 3 `kernel` (input, band): sum over bands, each over its power in the sample."""
+    """Residual power (square,) of a 3 x 3 `kernel` (input, band): sum over bands, relative to power in the sample."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.asarray((unexplained(grams.grams, inputs, outputs, kernel) / power).sum(axis=1))

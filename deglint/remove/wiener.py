@@ -48,7 +48,7 @@ SHEET = 0.5
 glint. Clear and moderately turbid water has .05 to .4, including light scattered by the air."""
 UNLIKE = 40.0
 """Ratio of a band's local variance that the NIR does not explain to the lower quartile of this variance in the sample.
-Above it the NIR shows the bottom or sediment: glint varies less over pixels wider than waves, a reef varies more."""
+Where the ratio is larger, the NIR shows the bottom or sediment: glint varies less if pixels are wider than waves."""
 SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
 COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
 
@@ -74,10 +74,10 @@ class _Cleaned:
 
 
 class _KernelPlanes(NamedTuple):
-    """What the fit of kernels needs of a sample tile."""
+    """Data of a sample tile for the fit of kernels."""
 
     sample: Mask  # (row, column): pixels for the kernels
-    flat: Float64  # (plane, row, column): references, then bands, minus local planes over `sample` unless "ols"
+    flat: Float64  # (plane, row, column): references, then bands, minus local planes unless regression is "ols"
     weights: dict[int, FloatArray]  # (row, column) by NIR band: weight of each pixel in a fit to faint glint, else {}
 
 
@@ -91,14 +91,14 @@ class Prepared(NamedTuple):
     notes: tuple[str, ...]  # warnings for the model
 
 
-@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # degenerate samples are refused later
 def fit(request: FitRequest, tiles: Sequence[SampleTile], *, strips: GivenStrips = None) -> GlintModel:
     """Fit the kernel of each band, its response (the sum of the kernel) and its glint-free level.
 
     request : with regression "ols" no local plane is subtracted, and responses are not shifted to the expected spectrum
     tiles : parts of the scene, spread over it; 0.3 million pixels are enough
     strips : map of the detector strips with opposite band delays, which get separate kernels; or a function that makes
-        the map of the whole scene with a `SquareKinds`. It is called if the sample shows two kinds of strips
+        the map of the whole scene with a `SquareKinds`. `fit` calls it if the sample shows two kinds of strips
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing. Raises
     FitError for too little open water, a constant NIR, or sums of squares beyond double precision.
@@ -157,7 +157,7 @@ def fit_without_levels(ready: Prepared, *, strips: GivenStrips = None) -> tuple[
 
 
 def _without_constant(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[FitRequest, tuple[str, ...]]:
-    """The request without wavelengths of constant or missing bands, which are then no references; texts that say so."""
+    """The request without wavelengths of constant or empty bands: these are no references; and texts that name them."""
     bands, notes = list(request.bands), []
     for i in set(range(len(bands))).difference(request.correct, request.nir):
         values = np.concatenate([t.block[i][t.sample] for t in tiles])
@@ -182,7 +182,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Positions of a tile's squares, (square, 2); mask (square,) where the second kernel of `pair` predicts better."""
+    """Positions of a tile's squares, (square, 2); mask (square,), True if the second kernel of `pair` is better."""
     cleaned = _cleaned(tile, request, rules)
     grams = _gathered(band_sets(request)[0], [cleaned], [_kernel_planes(cleaned, cleaned.sample, request)])
     return grams.places, second_is_better(grams, pair)
@@ -200,7 +200,7 @@ def _gathered(band_set: BandSet, tiles: Sequence[_Cleaned], planes: Sequence[_Ke
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Split the squares of each set by the kind of detector strip, [kind][set]; do not split if a kind has few."""
+    """Split the squares of all `grams` by kind of strip, [kind][set]; not split if a kind has few squares."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
@@ -211,7 +211,7 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
 def band_sets(request: FitRequest) -> list[BandSet]:
     """Group the bands to correct by their references: their NIR, a SWIR or another NIR, and bands of `request.more`."""
     out: dict[tuple[int, ...], list[int]] = {}
-    # SWIR near 1610 nm, which does not show turbid water; then a second NIR
+    # the second reference is SWIR near 1610 nm, which does not show turbid water; if there is none, another NIR
     waves = [b.wavelength or 0.0 for b in request.bands]
     preference = [(0, abs(w - 1610)) if w > SHORTEST_SWIR else (1, abs(w - 865)) for w in waves]
     for place, first in enumerate(request.nir):
@@ -250,11 +250,10 @@ def _cleaned(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRu
 
 
 def _trusted(cleaned: Sequence[_Cleaned], request: FitRequest) -> list[Mask]:
-    """Masks of the pixels for the kernels: the samples without outliers, and without water where the NIR shows the
-    bottom; but the whole samples if no square (`kernel_squares`) would be left.
-
-    In a fit to faint glint outliers have little weight (`faint_weight`) instead. If waves are resolved, what looks like
-    bottom may be glint, and is not excluded.
+    """Masks of the pixels to which kernels are fitted: the samples without outliers, and without water where the NIR
+    shows the bottom. If this leaves no square (`kernel_squares`), the whole samples are used.
+    In a fit to faint glint, outliers are kept, with little weight (`faint_weight`). If waves are resolved, pixels like
+    those of a visible bottom are kept, as they may be glint.
     """
     every = inside = [t.sample for t in cleaned]
     if not (request.faint_glint and request.resolved):
@@ -276,7 +275,7 @@ def _kernel_planes(tile: _Cleaned, sample: Mask, request: FitRequest) -> _Kernel
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks `inside` without pixels that deviate from local means by more than glint in a plane, and pixels near."""
+    """Masks `inside` without pixels that deviate too far from local means for glint (`high`), and pixels near them."""
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
     if not tops:
@@ -288,7 +287,7 @@ def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[M
 
 
 def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references: int) -> list[Mask]:
-    """Masks `inside` without water where the NIR does not explain the bands (`UNLIKE`), as it shows the bottom.
+    """Masks `inside` without water where the NIR does not explain the bands (`UNLIKE`), because it shows the bottom.
 
     high : for each tile (plane, row, column) minus local means: planes of `references` references, then of the bands
     """
@@ -322,7 +321,7 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
     """Glint index of each band: its kernel, changed from the response s to the new response s', divided by its slope.
 
     k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands with the weights
-    of `common`, scaled to the response 1. What noise and delays hide of the glint is added evenly over the window.
+    of `common`, scaled to the response 1. Glint that noise and delays hide is added evenly over the window.
     """
     out = {}
     for f in fitted:
@@ -376,7 +375,7 @@ def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned
     levels = dict(zip(some.tolist(), level.tolist(), strict=True))
     indexes = tuple(replace(i, level=levels.get(k, 0.0)) for k, i in enumerate(model.indexes))
     second = tuple(replace(i, level=levels.get(k, 0.0)) for k, i in enumerate(model.second))
-    fits = tuple(replace(f, floor=least.get(k)) for k, f in enumerate(model.fits))  # none if a posterior mean follows
+    fits = tuple(replace(f, floor=least.get(k)) for k, f in enumerate(model.fits))  # no floors with a posterior mean
     model = replace(model, indexes=indexes, fits=fits, second=second, warnings=warnings)
     return replace(model, level_interval=interval, level_stderr=error)
 
