@@ -16,11 +16,14 @@ listed in `__init__.pyi`; each is imported when it is first used, so that `impor
 """
 
 import logging
-from importlib.metadata import version
 
 import lazy_loader
 
+try:
+    from ._version import __version__
+except ModuleNotFoundError:  # a source tree that is not installed
+    __version__ = "0+unknown"
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__version__ = version("deglint")
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())
