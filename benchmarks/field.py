@@ -194,9 +194,9 @@ def kept(shares: list[float]) -> str:
 def errors(found: Mapping[str, PixelCounts]) -> str:
     """Error by group of scenes."""
     rows = []
-    for name, tally in found.items():
-        by = [mean([e for s, e in tally.errors.items() if re.match(pattern, s)]) for pattern in GROUPS.values()]
-        rows.append([name, mean(list(tally.errors.values())), *by])
+    for name, program in found.items():
+        by = [mean([e for s, e in program.errors.items() if re.match(pattern, s)]) for pattern in GROUPS.values()]
+        rows.append([name, mean(list(program.errors.values())), *by])
     counts = [sum(bool(re.match(p, s)) for s in found["raw"].errors) for p in GROUPS.values()]
     return table(("", "all", *(f"{name} ({n})" for name, n in zip(GROUPS, counts, strict=True))), rows)
 

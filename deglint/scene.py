@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from affine import Affine
 
 from .errors import BandError
 
 if TYPE_CHECKING:
-    from affine import Affine
     from matplotlib.axes import Axes
 
 ROUNDED = 0.999  # share of `Band.saturation` from which pixels count as saturated: values are rounded

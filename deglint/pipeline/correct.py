@@ -172,7 +172,7 @@ class Correction:
         If the chain has no stages, the values of `done` are kept, and only the standard errors are added.
         """
         removed, shape = {f.band for f in self.model.fits}, block.tile.shape
-        physical = done.physical.copy()
+        physical = done.physical.copy() if self.chain.runs else done.physical  # the chain's cells are written into it
         replaced, errors = np.zeros(physical.shape, np.bool_), np.zeros(physical.shape, np.float32)
         targets = np.zeros(shape, np.bool_) if done.targets is None else done.targets.copy()
         changes = {band: np.zeros(shape, np.bool_) for band in self.changed if self.chain.runs}
@@ -260,17 +260,8 @@ def correction(
     if fitted.chain.replaces:
         changed = sorted({find_band(scene, b) for b in fitted.recipe.bands}) or list(range(len(scene.bands)))
     rule, wants = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
-    work = Correction(
-        scene,
-        fitted.model,
-        layout,
-        fitted.chain,
-        area,
-        rule,
-        fitted.water_bands,
-        tuple(sorted(changed)),
-        want_amount=wants,
-    )
+    what = scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, tuple(changed)
+    work = Correction(*what, want_amount=wants)
     if targets and targets.flags:
         work = _with_noise(work, threads)
     if targets and targets.stderr:

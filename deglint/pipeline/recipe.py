@@ -83,7 +83,7 @@ class Recipe:
             owners = [key for key, method in METHODS.items() if name in method.options]
             if self.method not in owners and getattr(self, name) != getattr(Recipe, name):
                 methods = f"method {' or '.join(owners)}, not {self.method}"
-                raise InputError(f"--{name.replace('_', '-')} is for {methods}: leave it out, or name a method.")
+                raise InputError(f"--{name.replace('_', '-')} is for {methods}: leave it out, or take such a method.")
         if self.smallest_object and self.chain != "auto":
             remedy = "leave it out, or --method and --compensate"
             raise InputError(f"--smallest-object is for the automatic choice: {remedy}.")

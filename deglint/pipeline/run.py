@@ -177,10 +177,9 @@ def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, check
         if targets.picture:
             write_bytes(scratch, targets.picture, before_after(scene, scratch.file(targets.image), fitted.model))
         said = plain(sidecar(scene, fitted, targets, counts, checksum, time.perf_counter() - run.begun))
-        noise = (
-            {scene.names[b]: n for b, n in zip(work.changed, work.noise or (), strict=True)} if targets.flags else {}
-        )
-        said |= plain({"sun_glint": glint_numbers(counts, noise)}) if targets.flags else {}
+        if targets.flags:
+            noise = {scene.names[b]: n for b, n in zip(work.changed, work.noise or (), strict=True)}
+            said |= plain({"sun_glint": glint_numbers(counts, noise)})
         said |= plain({"sky_glint": sky}) if sky else {}
         said |= {"cluster": run.cluster.numbers()} if run.cluster else {}
         if targets.request:

@@ -91,7 +91,8 @@ class Recipe:
         method, rate = self.method, self.false_per_km2
         for owner, name in ((owner, name) for owner, kind in DETECTORS.items() for name in kind.options):
             if method != "auto" and name not in self.kind.options and getattr(self, name) != getattr(Recipe, name):
-                raise InputError(f"--{name.replace('_', '-')} is for method {owner}, not {method}: leave it out.")
+                said = f"--{name.replace('_', '-')} is for method {owner}, not {method}"
+                raise InputError(f"{said}: leave it out, or take {owner}.")
         if self.kind.matrices is None and (self.background or self.covariance not in self.kind.covariances):
             raise InputError(
                 f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "

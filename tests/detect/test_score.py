@@ -328,7 +328,7 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
         (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
         (["--method", "subspace", "--drop", "4"], 1, "drop: want 0 to 3"),
-        (["--method", "rx", "--window", "3,9"], 1, "--window is for method local, not rx: leave it out."),
+        (["--method", "rx", "--window", "3,9"], 1, "--window is for method local, not rx: leave it out, or take local"),
         (["--method", "local", "--drop", "2"], 1, "--drop is for method subspace, not local"),
         (["--method", "rx", "--largest-object", "9,3"], 1, "--largest-object is for method sea, not rx"),
         (["--window", "3,9", "--drop", "2"], 1, "--drop is for method subspace, not local"),
