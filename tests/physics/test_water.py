@@ -209,9 +209,9 @@ def test_broadcasts_and_keeps_nan():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"depth": -1, "reflectance": 0.1}, r"depth .*0 to 1000 m.* -1. Give metres below"),
-        ({"depth": 1, "reflectance": 15}, r"reflectance .*0 to 1.* 15. Give a share"),
-        ({"depth": 1, "reflectance": 0.1, "direct_fraction": 2}, r"direct_fraction .*0 to 1"),
+        ({"depth": -1, "reflectance": 0.1}, r"\bdepth .*0 to 1000 m.* -1. Give metres below"),
+        ({"depth": 1, "reflectance": 15}, r"\breflectance .*0 to 1.* 15. Give a share"),
+        ({"depth": 1, "reflectance": 0.1, "direct_fraction": 2}, r"\bdirect_fraction .*0 to 1"),
     ],
 )
 def test_refuses_impossible_objects(options, message):
