@@ -18,7 +18,7 @@ from .arrays import Array, Float64, Int32, Int64, Mask
 
 Ring = tuple[tuple[float, float], ...]  # (column, row) corners of a closed polygon
 Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
-"""Function that converts (column, row) corners to (longitude, latitude) [degree]."""
+"""Function that converts (column, row) points to (longitude, latitude) [degree]."""
 _FOOTPRINT = 3
 """Number of pixels in `Object.score_top`. The point spread function spreads a point over about three pixels; a single
 bright pixel is noise or an artefact of the removal."""

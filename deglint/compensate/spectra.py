@@ -88,7 +88,7 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], c
     glint : spectrum of glint divided by the radiance of a white target (`Targets.light`)
     time : time offset [s]
     s : standard deviation of noise divided by the radiance of a white target
-    change : standard deviation of either part relative to the brightness: `CHANGE`; for a white target `NO_CHANGE`
+    change : standard deviation of either part relative to the brightness: `CHANGE`, or `NO_CHANGE` for a white target
     """
     u, spectrum = (np.array(time) - np.mean(time)) / np.ptp(time), np.array(glint) / max(glint)
     factors = spectrum * np.stack([np.ones_like(u), change * u, change * (u * u - (u * u).mean())])

@@ -314,7 +314,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the sample's pixels in or beside which a score, with `afloat` False, exceeds `stage.threshold`."""
+    """Share of the sample with a score above `stage.threshold` in 3 x 3 pixels; `afloat` of `blocks` is ignored."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -358,7 +358,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of faint pixels that are `steady` in all bands. Faint pixels: the darker half of those lit in `q[0]`."""
+    """Share of pixels `steady` in all bands, of the darker half of those lit in the first band; `q` as in `steady`."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

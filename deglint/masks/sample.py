@@ -96,11 +96,11 @@ def away_from_shore(mask: Mask) -> Mask:
 def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
-    A pixel is in the sample if it is (1) over 10 pixels (5, 2, 0 if too few are left) from all that is not water, and
+    A pixel is in the sample if it is (1) over 10 pixels (5, 2, 0 if too few are left) from all else that is valid, and
     the square of 15 x 15 pixels around it is (2) dark: while visible means of squares form two clear classes, Otsu's
     threshold excludes the brighter class; glint is then subtracted, the same is done again, and the brighter half is
     excluded; (3) even: the variance of the visible bands that the NIR does not explain is not unusually large; (4) in
-    the quarter of squares with the largest NIR variance (strongest glint), or in half or all if these are too few. Then
+    the quarter of these with the largest NIR variance (strongest glint), or in half or all if they are too few. Then
     the mask is opened (`CLEANING`). Strong glint is preferred, as noise in the NIR reduces fitted slopes by the factor
 
     .. math:: var(glint) / (var(glint) + var(noise))

@@ -48,7 +48,7 @@ class Overview:
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
     """Yield overviews of larger and larger parts of a scene, at last of the whole. If `wanted`, water is searched for
-    in each part, and parts with few valid pixels (`LEAST_VALID`) are skipped.
+    in each, and parts with few valid pixels (`LEAST_VALID`), not the whole, are skipped.
     Raises NoWaterError if a scene of more than `MOST_OVERVIEW` pixels has no valid pixel in the 0-based band `nir`.
     """
     roles, bands = roles_of(scene, nir)

@@ -71,7 +71,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
         self.undeclared: object = None  # what `deglint.readers.undeclared` found in the pixels; None before it searched
 
     def declared(self, info: RasterInfo) -> Self:
-        """Copy of this source that has the description `info`, with the nodata and offsets to use."""
+        """Copy of this source that reads with the nodata values, scales and offsets of `info`."""
         found = copy.copy(self)  # made by `__reduce__`: it has its own pool, no deadline, no pixels read, no findings
         if info.nodatas != self.info.nodatas:
             left = iter(info.nodatas)

@@ -38,9 +38,9 @@ _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel o
 
 
 def to_wgs84(scene: Scene) -> Move | None:
-    """Make the function that converts (column, row) corners to (longitude, latitude) [degree].
-    The result is None if the scene has no transform or no CRS on the Earth. The function raises InputError for corners
-    outside the projection of the CRS.
+    """Make the function that converts (column, row) points to (longitude, latitude) [degree].
+    It is None if the scene has no transform, or no CRS that fits the scene's middle. The function raises InputError for
+    points outside the projection of the CRS.
     """
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:

@@ -212,7 +212,7 @@ class _Block:
         return out
 
     def typical(self, used: Mask, model: SeaModel) -> Mask:
-        """`water` without 5 x 5 pixels around each pixel that is far from the water `used` at the largest scale."""
+        """`water` without 5 x 5 pixels around each pixel with a large `_distance` from `used` at the largest scale."""
         z = self.standardised(used, model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         return self.water & ~grown(far, 5)

@@ -40,7 +40,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files of the product that `path` stands for; else one raster, by `describe` and its XMP metadata."""
+    """Describe the files of the product that `path` stands for. Without one, call `describe`, and add XMP metadata."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)

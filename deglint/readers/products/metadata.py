@@ -97,9 +97,9 @@ class Container:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
 
     def tree(self, member: str, needs: str = "") -> ET.Element:
-        """The metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
+        """Metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
 
-        JSON objects and groups become elements. Raises ReadError; MetadataError if it is damaged or lacks `needs`.
+        JSON objects and groups become elements. Raises ReadError; MetadataError if damaged or without element `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):
