@@ -24,11 +24,13 @@ from deglint.choose.score import (
     partners,
     powers,
 )
-from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, _own_signal, without_ships, without_shore
-from deglint.compensate import Sample, Setting, State
-from deglint.errors import InputError
+from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, _check, _own_signal, without_ships, without_shore
+from deglint.compensate import Chain, Sample, Setting, State
+from deglint.compensate.chain import FittedChain
+from deglint.errors import FitError, InputError
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
+from deglint.remove import BandFit, GlintIndex, GlintModel
 from deglint.scene import Band
 from deglint.simulate import Setup, simulate
 from deglint.simulate.underwater import Bottom
@@ -357,3 +359,19 @@ def test_the_reason_for_the_choice_is_true_where_another_candidate_has_less_erro
 def test_the_smallest_object_is_for_the_automatic_choice(given):
     with pytest.raises(InputError, match="smallest-object"):
         Recipe(smallest_object="2m", **given)
+
+
+@pytest.mark.parametrize(("error", "best"), [(0.92, "copy"), (0.90, "wiener")])
+def test_the_copy_is_taken_within_a_tenth_of_the_least_error(error, best):
+    trials = [Trial(Candidate(n, n), (), {}, e) for n, e in (("copy", 1.0), ("wiener", error))]
+    assert _best(trials, delayed=False).candidate.name == best
+
+
+def test_a_removal_whose_slopes_may_be_chance_is_refused():
+    fits = BandFit(0, "blue", 0, 3.0, 1.0), BandFit(1, "green", 0, 4.9, 1.0)
+    model = GlintModel("wiener", (GlintIndex((2,), (1.0,)),), fits, ("blue", "green", "nir"))
+    fitted = FittedChain(Chain(), model, Sample((), ()))
+    with pytest.raises(FitError, match="standard errors above zero"):
+        _check(fitted, None)
+    _check(replace(fitted, model=replace(model, fits=(fits[0], replace(fits[1], slope=5.1)))), None)
+    _check(replace(fitted, model=replace(model, fits=(replace(fits[0], stderr=None),))), None)  # after an opening
