@@ -25,8 +25,8 @@ EQUAL_ERRORS = 1.1
 errors are wrong by a factor of 1.5 in the median, so that a smaller difference of two candidates may be chance."""
 REPLACING = 1.15  # factor on the error of openings, which erase small signals, if bands are not known to be delayed
 CERTAIN = 5.0
-"""A removal is refused unless its slope on the NIR exceeds zero by this many standard errors in some band. In scenes
-with glint it does so by 9 to 1000 of them. Where ships, surf or mud alone are bright in the NIR, it does so by few."""
+"""A removal is refused unless its slope on the NIR exceeds zero by this many standard errors in some band: more than
+the 3 of a fit (`wiener.SURE`), since ships, surf and mud, which are bright in the NIR, are not noise."""
 LEVEL_FAULT = 1 / 3
 """Share of the excess of the level (`level_excess`) that counts as an error of a removal, or of an opening: the level
 of one may be too bright, but the level of the other may also be too dark."""
