@@ -24,6 +24,7 @@ EQUAL_ERRORS = 1.1
 """Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen. Expected
 errors are wrong by a factor of 1.5 in the median, so that a smaller difference of two candidates may be chance."""
 REPLACING = 1.15  # factor on the error of openings, which erase small signals, if bands are not known to be delayed
+WORTH_REMOVING = 0.85  # a copy changes nothing: other candidates must promise an error below this fraction of its error
 CERTAIN = 5.0
 """A removal is refused unless its slope on the NIR exceeds zero by this many standard errors in some band: more than
 the 3 of a fit (`wiener.SURE`), since ships, surf and mud, which are bright in the NIR, are not noise."""
@@ -85,8 +86,8 @@ class Choice:
             return why.removesuffix("Nothing was corrected.").rstrip(". ")
         least = min(others, key=lambda t: t.error)
         return (
-            f"the expected error of an uncorrected image ({self.trials[0].error:.1%} of the water) is within "
-            f"{EQUAL_ERRORS - 1:.0%} of that of the best candidate ({least.candidate.name}, {least.error:.1%}): "
+            f"the expected error of the best candidate ({least.candidate.name}, {least.error:.1%} of the water) is not "
+            f"below {WORTH_REMOVING:.0%} of that of an uncorrected image ({self.trials[0].error:.1%}): "
             "the bands share no glint that is worth removing"
         )
 
@@ -158,7 +159,7 @@ def choose(
     Returns
     -------
     Choice
-        Copy if no candidate is much better (`EQUAL_ERRORS`) or no band varies; "wiener" if there are too few pixels
+        Copy if no candidate is much better (`WORTH_REMOVING`) or no band varies; "wiener" if there are too few pixels
         to try others or values are too large.
     """
     if _too_small(sample):
@@ -193,11 +194,12 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """First of the equally good trials (`EQUAL_ERRORS`). The copy, the simplest candidate, is `trials[0]`. If bands are
-    not `delayed`, errors of openings are compared times `REPLACING`.
+    """First of the equally good trials (`EQUAL_ERRORS`), or the copy, which is `trials[0]`, if that first trial is not
+    much better (`WORTH_REMOVING`). If bands are not `delayed`, errors of openings are compared times `REPLACING`.
     """
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
-    return trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
+    best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
+    return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
 
 
 def _judged(
