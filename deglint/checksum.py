@@ -13,7 +13,7 @@ from .raster.targets import files_behind
 _CHUNK = 4 << 20  # bytes read at a time: so many that the thread rarely has to compete for Python's interpreter lock
 _VIEWER_FILES = (".aux.xml", ".ovr")
 """Endings of files that viewers write beside a raster. They may change during a run: GDAL has read them by then."""
-Print = dict[str, str | int | None]  # path, size, CRC-32 and modification time of a file
+Fingerprint = dict[str, str | int | None]  # path, size, CRC-32 and modification time of a file
 Stamp = tuple[int, int, int, int]  # size [byte], modification time [ns], inode and change time [ns] of a file
 
 
@@ -26,13 +26,13 @@ class Checksum:
 
     def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
         self._names, self._aside = tuple(names), tuple(aside)
-        self._found: list[Print] = []
+        self._found: list[Fingerprint] = []
         self._listed = files_behind(self._names)
         self._before = {path: _stamp(path) for path in (*self._listed, *files_behind(self._aside))}
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def result(self) -> list[Print]:
+    def result(self) -> list[Fingerprint]:
         """Path, size [byte] and CRC-32 (8 hexadecimal digits) of each input file; None for values that are not known.
 
         Raises ReadError if a file was changed during the run, as the output may then mix old and new content.
@@ -42,7 +42,7 @@ class Checksum:
             raise ReadError(f"{changed} was changed while it was read. Run again when it is whole.")
         return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
 
-    def fingerprints(self) -> list[Print]:
+    def fingerprints(self) -> list[Fingerprint]:
         """The list that `result` returns, with the modification time [ns] of each file; changed files are no error."""
         self._thread.join()
         return self._found
@@ -64,7 +64,7 @@ class Checksum:
         self._found = [{"path": path, **fingerprint(path)} for path in self._listed]
 
 
-def fingerprint(path: str | Path) -> Print:
+def fingerprint(path: str | Path) -> Fingerprint:
     """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; all None if unreadable."""
     stamp = _stamp(path)
     if stamp is not None:

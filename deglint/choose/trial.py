@@ -286,7 +286,7 @@ def _check(fitted: FittedChain, fine: Float32 | None) -> None:
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
-    if max((f.slope / f.stderr for f in fitted.model.fits if f.stderr), default=CERTAIN) < CERTAIN:
+    if max((f.slope / f.stderr for f in fitted.model.fits if f.stderr), default=np.inf) < CERTAIN:
         raise FitError(f"no slope on the NIR is {CERTAIN:g} standard errors above zero: the bands may share no glint")
     if fine is not None and not fitted.chain.replaces:
         _refuse_sky(fitted, fine)

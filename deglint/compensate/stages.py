@@ -145,7 +145,7 @@ def _number(name: str, text: str) -> float:
 
 def _check(names: Sequence[str]) -> None:
     """Raise InputError if a stage lacks what it needs before or after it, or cannot follow another (`NEVER_AFTER`)."""
-    ready: set[str] = set()  # stages whose result can still be used
+    ready: set[str] = set()  # what was identified (`Kind.identifies`) and is not replaced yet
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 : [*names, "remove"].index("remove", place + 1)]
         for other in before:
@@ -155,14 +155,15 @@ def _check(names: Sequence[str]) -> None:
             raise InputError("psf serves identify-level: name that right after it, or psf-image for the image itself.")
         if name == "posterior" and "remove" not in before:
             raise InputError("posterior treats what removal leaves: name remove before it.")
-        if name == "targets" and "identify-level" in ready and not {"replace-level", "median"} & set(after):
+        if name == "targets" and "level" in ready and not {"replace-level", "median"} & set(after):
             raise InputError("targets after identify-level are replaced before the removal: name replace-level.")
         if name == "replace-bands" and "normalise" not in before:
             raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
-        finders = [n for n, kind in STAGES.items() if kind.identifies in ("level", STAGES[name].replaces)]
-        if STAGES[name].replaces in ("glint", "level") and not ready & {*finders}:
+        needs = STAGES[name].replaces
+        if needs in ("glint", "level") and not ready & {needs, "level"}:
+            finders = [n for n, kind in STAGES.items() if kind.identifies in (needs, "level")]
             raise InputError(f"{name} needs glint to be identified: name {' or '.join(finders)} before it.")
-        ready.add(name)
+        ready.add(STAGES[name].identifies)
         if name in ("replace-level", "median", "remove"):
             ready.clear()
 

@@ -68,8 +68,7 @@ def on_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
         return
     edges = np.linspace(0, rows, 4 * workers + 1).astype(int)
     parts = [Tile(first, last, 0, 1) for first, last in pairwise(edges.tolist())]
-    for _ in run(parts, lambda part: work(part.row0, part.row1), threads=workers):
-        pass
+    list(run(parts, lambda part: work(part.row0, part.row1), threads=workers))
 
 
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:

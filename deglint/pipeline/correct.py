@@ -260,8 +260,9 @@ def correction(
     if fitted.chain.replaces:
         changed = sorted({find_band(scene, b) for b in fitted.recipe.bands}) or list(range(len(scene.bands)))
     rule, wants = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
-    what = scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, tuple(changed)
-    work = Correction(*what, want_amount=wants)
+    work = Correction(
+        scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, tuple(changed), want_amount=wants
+    )
     if targets and targets.flags:
         work = _with_noise(work, threads)
     if targets and targets.stderr:

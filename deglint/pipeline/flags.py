@@ -119,12 +119,12 @@ def glint_classes(amount: FloatArray, noise: FloatArray, saturated: Mask, water:
     return np.where(water, out, np.uint8(NOT_ASSESSED))
 
 
-def glint_numbers(counts: PixelCounts, noise: Mapping[str, float]) -> dict[str, Any]:
+def glint_numbers(counts: PixelCounts, noise: Mapping[str, float]) -> dict[str, object]:
     """Sidecar entries: number of pixels of each class of sun glint, and limit of negligible glint of each band.
     `noise` is the standard deviation of the noise of each band that may change, by its name [unit of the band].
     """
     pixels = dict(zip(GLINT_CLASSES.values(), np.broadcast_to(counts.glint, len(GLINT_CLASSES)), strict=True))
-    return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": dict(noise)}
+    return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": noise}
 
 
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
@@ -150,7 +150,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
 
 
 def beside(
-    scene: Scene, image: Layout, bands: tuple[int, ...], targets: Outputs, modelled: Mapping[str, Any] | None
+    scene: Scene, image: Layout, bands: tuple[int, ...], targets: Outputs, modelled: SkyGlint
 ) -> dict[str, tuple[Path, Layout]]:
     """Path and layout of each additional raster (flags, amounts, standard errors); keys are fields of `CorrectedTile`.
 

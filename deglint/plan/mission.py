@@ -143,12 +143,13 @@ class Mission(Checked):
             self._check_place()
 
     def _check_place(self) -> None:
-        if self.place is None or self.moment is None:
+        if self.place is None:
             raise InputError(
                 "where the sun stands is not known: give latitude and longitude (--lat and --lon, or --place), or the "
                 "angles of the sun (--sun)."
             )
         if self.sun[0] > SUN_LIMIT:
+            assert self.moment is not None  # it is known if the latitude is
             rise = sun.next_rise(*self.place, self.moment)
             remedy = f"It rises at {str(rise)[:16]}Z: choose a later time."
             if np.isnat(rise):

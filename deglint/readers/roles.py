@@ -16,7 +16,7 @@ Wanted = str | int | Sequence[str | int]
 
 NIR_CENTRE = 842.0
 """Preferred wavelength of the near infrared [nm]: longer than the red edge, shorter than absorption by water vapour."""
-_RED_EDGE, _VISIBLE = 750.0, 700.0
+_RED_EDGE, VISIBLE = 750.0, 700.0
 """Wavelengths [nm]: below the first, plumes and shallow bottoms are visible; below the second, clear water is, too."""
 _ROLES = {
     "blue": [((450.0, 515.0), 490.0)],
@@ -89,14 +89,14 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
     """Warnings, as text, about bands that the user selected as NIR. Raises BandError for visible bands."""
     known = _wavelengths(scene)
     for i in indexes:
-        if (known[i] or _VISIBLE) < _VISIBLE:
-            fit = [f"{j + 1} {scene.bands[j].name} ({w:g} nm)" for j, w in enumerate(known) if w and w >= _VISIBLE]
+        if (known[i] or VISIBLE) < VISIBLE:
+            fit = [f"{j + 1} {scene.bands[j].name} ({w:g} nm)" for j, w in enumerate(known) if w and w >= VISIBLE]
             raise BandError(
                 f"band {i + 1} {scene.bands[i].name} ({known[i]:g} nm) is no near infrared: it shows the water itself, "
                 "which would be removed with the glint. "
-                + (f"Bands beyond {_VISIBLE:g} nm: {', '.join(fit)}." if fit else _no_nir(scene))
+                + (f"Bands beyond {VISIBLE:g} nm: {', '.join(fit)}." if fit else _no_nir(scene))
             )
-    edge = ", ".join(scene.bands[i].name for i in indexes if _VISIBLE <= (known[i] or 0) < _RED_EDGE)
+    edge = ", ".join(scene.bands[i].name for i in indexes if VISIBLE <= (known[i] or 0) < _RED_EDGE)
     unknown = ", ".join(scene.bands[i].name for i in indexes if known[i] is None)
     shown = f"{edge} is red edge (below {_RED_EDGE:g} nm), where plumes and shallow ground show, too, and are taken for"
     said = f"; warning: {shown} glint" if edge else ""
@@ -111,16 +111,16 @@ def _no_nir(scene: Scene) -> str:
     alpha = getattr(getattr(scene.source, "info", None), "alpha", None)  # 1-based band of the file
     example = _example_of(scene, hidden=alpha is not None)
     alone = len(known) == 1 and not alpha
-    if alone or all(w is not None and w < _VISIBLE for w in known):
+    if alone or all(w is not None and w < VISIBLE for w in known):
         hidden = f' If band {alpha}, taken for alpha, is its NIR, say --bands "{example}".' if alpha else ""
-        few = "one band" if alone else f"no band beyond {_VISIBLE:g} nm"
+        few = "one band" if alone else f"no band beyond {VISIBLE:g} nm"
         return (
             f"no near-infrared band in {what}: it has {few} ({bands}), so that no method that follows the near "
             "infrared can remove its glint. What can be done: stack a NIR band of the same image with it (deglint "
             "remove IN NIR.tif OUT), find targets in it as it is (rxdetect score IN OUT), or plan the next flight "
             f"around glint (deglint plan).{hidden}"
         )
-    remedy = f"Name another band beyond {_VISIBLE:g} nm as NIR (--nir NUMBER), or stack a NIR band of the same image"
+    remedy = f"Name another band beyond {VISIBLE:g} nm as NIR (--nir NUMBER), or stack a NIR band of the same image"
     if None in known:
         remedy = (
             f'Name the bands in their order, such as --bands "{example}", or say --wavelengths 475,560,668,842 (one a '

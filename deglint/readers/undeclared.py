@@ -21,6 +21,7 @@ from ..raster.source import RasterSource
 from ..scene import Scene
 from ..tiles import Tile
 from .bands import labelled
+from .roles import VISIBLE
 from .spectral import nominal_wavelength
 
 log = logging.getLogger("deglint")
@@ -40,7 +41,6 @@ S2_FLOOR, S2_DARK, S2_LEAST = (950, 1150), 1300, 500
 minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there. Minima below
 the range, after an atmospheric correction that subtracts too much, do not show whether the offset is included. If
 the minimum of a NIR or SWIR band is below the third value (then a reflectance of -.05), the offset is not included."""
-VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 ORDER = ("blue", "green", "red", "nir")
 """Usual order of four bands without names; red and blue may be exchanged. It is assumed if the last band is the darkest
 (percentile `DARK`), as over water, or if its range (`DARK` to `UPPER`) is `WIDER` times the others, as over plants."""
