@@ -327,7 +327,8 @@ def test_an_opening_does_not_erase_a_shallow_bottom_in_patches(tmp_path):
 def test_candidates_are_tried_on_a_sample_at_the_end_of_a_tile(sea, write, tmp_path, sample):
     path = write(tmp_path / "sea.tif", sea(192, 192))
     choice = fit_scene(open_scene(path), Recipe(sample=sample, mask="none")).choice
-    assert choice.trials, choice.failed
+    assert choice.failed is not None  # tried, and refused: a single square does not show significant glint
+    assert "significant" in choice.failed["wiener"]
 
 
 def test_nothing_is_tried_where_the_user_has_chosen(sea, write, tmp_path):
@@ -375,3 +376,12 @@ def test_a_removal_whose_slopes_may_be_chance_is_refused():
         _check(fitted, None)
     _check(replace(fitted, model=replace(model, fits=(fits[0], replace(fits[1], slope=5.1)))), None)
     _check(replace(fitted, model=replace(model, fits=(replace(fits[0], stderr=None),))), None)  # after an opening
+
+
+def test_a_copy_without_another_candidate_states_no_error(write, tmp_path):
+    noise = np.random.default_rng(5).normal(1000, 20, (4, 192, 192)).astype("uint16")
+    fitted = fit_scene(open_scene(write(tmp_path / "noise.tif", noise)), Recipe(mask="none"))
+    assert (fitted.choice.best.method, fitted.choice.trials) == ("copy", ())
+    first, *others = fitted.choice.lines()
+    assert first == "no removal can be used: the scene is copied"
+    assert [line.split(":")[0].strip() for line in others][:2] == ["wiener", "wiener, posterior mean"]

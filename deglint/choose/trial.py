@@ -103,13 +103,15 @@ class Choice:
     def lines(self) -> list[str]:
         """Lines of text for the log: the choice, and one line for each candidate."""
         out, trial = list[str](), self.trial
-        if trial is not None:
+        if self.best.method == "copy" and trial is None:
+            out.append("no removal can be used: the scene is copied")
+        elif trial is not None:
             out.append(
                 f"chosen on sample tiles: {self.best.name}; implanted signals: {trial.kept} "
                 f"(discs of {max(self.width, 1):.3g} pixels); expected error {trial.error:.1%} of the water"
             )
         out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
-        return out + [f"  {name}: not tried, {why}" for name, why in (self.failed or {}).items()]
+        return out + [f"  {name}: refused, {why}" for name, why in (self.failed or {}).items()]
 
     def numbers(self) -> dict[str, object]:
         """The choice as plain values for the sidecar."""
@@ -180,6 +182,8 @@ def choose(
             runs[candidate] = plain, _run(candidate, marked, setting, fit)
         except FitError as error:
             failed[candidate.name] = str(error)
+    if len(runs) == 1:  # the copy alone, whose error can be computed only beside another candidate
+        return Choice(next(iter(runs)), failed=failed, width=disc)
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(WIENER, failed=failed, width=disc)
@@ -254,9 +258,7 @@ def _spectrum(setting: Setting) -> Float32 | None:
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32) -> Float64:
-    """Result of `least_signal`, (scale,), for bands clipped at their percentile `OFTEN`: a few flashes of sparkle may
-    all be missing in the NIR, which has another time.
-    """
+    """`least_signal` of bands clipped at their percentile `OFTEN`: the NIR, at another time, may miss few flashes."""
     images, nir, bands = [s.image for s in sample.states], setting.nir[0], range(len(unit))
     noises = np.array([noise([i[b] for i in images], inside) for b in bands], np.float32)
     high = [np.inf if b == nir else np.percentile(sample.values([i[b] for i in images]), OFTEN) for b in bands]
