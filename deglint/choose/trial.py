@@ -213,9 +213,7 @@ def _judged(
     unit: Float32,
     setting: Setting,
 ) -> list[Trial]:
-    """Trial of each pair of runs, without and with the signals `added`; its error is infinite if it cannot be computed.
-    `added` and `unit` are as in `gains`.
-    """
+    """Trial of each pair of runs, without and with the signals `added`. Its error is infinite if it has no number."""
     runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
     partner_of, results = partners(setting, unit), [r.images for r in runs.values()]
