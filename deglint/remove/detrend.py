@@ -2,7 +2,7 @@
 
 Over deep water the slope of a band against the NIR is determined by glint, but slow changes of colour bias it. After
 subtraction of a local mean from every band, the slope is nearly constant over the sea. Where land or the edge of a tile
-covers a part of the window, the mean is that of one side of the pixel only; `detrend_plane` fits a local plane instead.
+is in the window, the mean is that of one side of the pixel only; `detrend_plane` fits a local plane instead.
 """
 
 from functools import partial
@@ -61,7 +61,7 @@ def detrend_plane(block: FloatArray, sample: Mask, size: int = LOCAL_MEAN) -> Fl
     """Subtract from every band, at each sample pixel, a plane fitted to the sample pixels in the square around it.
 
     At the centre of a full square the plane equals the mean. If the sample fills one side of a square only, `detrend`
-    leaves part of the gradient of a band, such as that of a plume, and a fit would take it for glint.
+    leaves part of a gradient in the bands, such as that of a plume, which a fit would take for glint.
 
     block : (band, row, column), any unit, finite in the sample
     sample : (row, column), the sample

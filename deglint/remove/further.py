@@ -26,11 +26,11 @@ noise of a pixel. Where red edge shows a plume or the bottom, the change is seve
 def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:
     """Red-edge bands (0-based) that can be used as further references, as they show no signal of the water.
 
-    Red-edge bands are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom,
-    plumes or algae, these would be subtracted from the shorter bands. A test removes glint with and without red-edge
-    bands. If they reduce the variance about local means, they remove glint and noise. If they change the local means
-    where glint is weak, they may remove signal. If the change exceeds the reduction, or `MOST_MOVED` times the
-    noise in any band, the test is repeated without the shortest red-edge band. The result may be empty.
+    Red-edge bands are nearer to the shorter bands in wavelength, noise and time than the NIR is. But if they show the
+    bottom, plumes or algae, these signals would be subtracted from the shorter bands. So glint is removed with and
+    without red-edge bands, as a test. The additional reduction of the variance about local means is glint and noise; a
+    change of the local means where glint is weak may be signal. If the change exceeds the reduction, or `MOST_MOVED`
+    times the noise in any band, the test is repeated without the shortest red-edge band. The result may be empty.
     """
     longest = longest_that(request, lambda _: True)
     if not longest:
@@ -41,7 +41,7 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-    """Bands to correct (0-based) from `FURTHER_FROM` nm on; while `serve(bands)` is False, the shortest is dropped."""
+    """Bands to correct (0-based) from `FURTHER_FROM` nm on; the shortest is dropped until `serve(bands)` is True."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more and not serve(tuple(more)):
@@ -60,10 +60,10 @@ def _predicted(ready: Prepared, more: tuple[int, ...]) -> list[FloatArray]:
 
 
 def _harmless(ready: Prepared, plain: list[FloatArray], more: tuple[int, ...]) -> bool:
-    """Whether further references `more` (0-based) change local means as little as `more_references` requires. False if
-    nothing can be tested, or all corrected bands are references. `plain` is the result of `_predicted` without `more`.
-    The change is the variance of the changes of local means, over the half of the pixels with less glint. The reduction
-    of the variance about local means is computed over the same pixels and over all pixels, and the larger one is taken.
+    """Whether further references `more` (0-based) pass the test of `more_references`. False if the test is impossible,
+    or all bands to correct are in `more`. `plain` is the result of `_predicted` without further references.
+    The change of local means is measured by its variance over the half of the pixels with less glint. The reduction of
+    the variance about local means is computed over the same pixels and over all pixels, and the larger one is taken.
     Change and reduction are divided by the variance about local means without `more`, and summed over bands.
     """
     shorter = [k for k, band in enumerate(ready.request.correct) if band not in more]

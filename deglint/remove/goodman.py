@@ -15,7 +15,7 @@ B = 0.1  # water-leaving part at 750 nm, without the constant term, over Rrs(640
 
 
 def fit(request: FitRequest, _stats: None = None) -> GlintModel:
-    """Make the model R'_i = R_i - (g - A f), with f the `rrs_factor` and the glint index g = (1 + B) R_750 - B R_640.
+    """Make the model R'_i = R_i - (g - A f), with g = (1 + B) R_750 - B R_640, f the `rrs_factor`, A and B constants.
 
     Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and
     reflectance using a semi-analytical model: a case study in Kaneohe Bay, Hawaii", Applied Optics 47, F1-F11,

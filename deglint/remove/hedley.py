@@ -13,7 +13,7 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """Fit L'_i = L_i - b_i (NIR - min NIR), with slopes b_i. If `floor_percentile` > 0, this percentile replaces min.
+    """Fit L'_i = L_i - b_i (NIR - m) with slopes b_i. m is the minimum NIR, or its `floor_percentile` if this is > 0.
 
     Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
     International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.

@@ -2,7 +2,7 @@
 
 The method assumes that most pixels of the sample are free of glint, so that the mode of the NIR is the NIR of water. It
 fails if more than about 60 % of the pixels have glint. If there is little glint, it is the most robust of the three
-methods hedley, lyzenga and joyce. `levels.mode` defines the mode. It costs one pass and one sort of the sample's NIR.
+methods hedley, lyzenga and joyce. `levels.mode` defines the mode. A fit takes one pass and a sort of the sample's NIR.
 """
 
 from .levels import mode

@@ -4,11 +4,11 @@ r"""Kernels that predict bands from the neighbourhoods of pixels in references: 
 
 The vector v(x) has the references (r) at every offset in a window of up to `SIDE` pixels, then the bands (b), all
 minus their means; G_rr and G_rb are parts of G, lambda is a small ridge. There is one Gram matrix G for each square
-of `CELL` x `CELL` pixels of the sample. The response of a kernel is the change of the band if the NIR rises by 1: the
-sum of its coefficients, where coefficients on another reference are multiplied by the slope of this reference on the
-NIR. The support of a kernel is the side of its window on each reference. The fit is repeated without each group of
-squares in turn: residuals in the group that is left out select the support (cross-validation), the scatter of responses
-gives their covariance (jackknife).
+of `CELL` x `CELL` pixels of the sample; a fit uses the sum of these. The response of a kernel is the change of the band
+if the NIR rises by 1: the sum of its coefficients, where coefficients on another reference are multiplied by the slope
+of this reference on the NIR. The support of a kernel is the side of its window on each reference. The fit is repeated
+without each group of squares in turn: the residuals in the group that is left out select the support
+(cross-validation), and the scatter of the responses gives their covariance (jackknife).
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +44,7 @@ def offsets(side: int) -> tuple[tuple[int, int], ...]:
 
 
 class LagGrams(NamedTuple):
-    """Gram matrices of a sample, one for each square: sums over its pixels of products of two variables.
+    """Gram matrices of a sample: for each square, the sums over its pixels of the products of all pairs of variables.
     The variables are each reference at each offset in a square window (`sides`), then each band to predict.
     """
 
@@ -74,7 +74,7 @@ class LagGrams(NamedTuple):
 
 def kernel_squares(sample: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
     """Yield (row, column) slices of each square of `CELL` x `CELL` pixels that has enough pixels for a fit, and a mask
-    of these pixels. Around each of them, the largest kernel (`SIDE`) covers only pixels of the `sample`.
+    of these pixels in the square. A pixel counts if the largest kernel (`SIDE`) around it reads only the `sample`.
     """
     inner = eroded(sample, SIDE)
     return ((s, inner[s]) for s in squares(sample.shape, CELL) if inner[s].sum() >= LEAST_OPEN * CELL**2)
@@ -205,7 +205,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
     """Residual power in each group of squares after a fit to the other groups, over the band's power in all groups.
-    The result is (group, band). A single group is fitted itself. For a constant band, the sum over groups is 1.
+    The result is (group, band). With one group, the fit is to this group. For a constant band the sum over groups is 1.
     """
     power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -214,8 +214,8 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: the one common to all bands, or another one if it is clearly better for the band.
-    `losses` has the result of `_held_out` for each support, smallest support first.
+    """Support of each band: the smallest one within chance (`_within_chance`) for all bands together; if this is not
+    within chance for the band, the smallest one that is. `losses`: `_held_out` of each support, smallest support first.
     """
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
@@ -225,8 +225,8 @@ def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, 
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Supports (sides of kernels) whose RMS residual exceeds the least by at most `WORTH_WIDER` or one standard error.
-    losses : residual power in each group of squares, (group,), by support; smallest support first, as in the result
+    """Supports whose RMS residual exceeds the least one by at most `WORTH_WIDER`, or by at most one standard error.
+    losses : residual power in each group of squares, (group,), by support, the smallest first, as in the result
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
     best, out = losses[least], []
@@ -239,7 +239,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Response (output,): rise of each band if the NIR rises by 1 and other references rise as the NIR predicts."""
+    """Response (output,) of kernels with sides `support` fitted to the Gram matrix `gram`, with rows as in `grams`."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
@@ -251,13 +251,13 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
 
 
 def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64, Float64]:
-    r"""Join fits `found` of `bands` bands: responses s (band,), their covariance V (band, band), and losses (band,).
+    r"""Join the fits `found` of `bands` bands: responses s (band,), their covariance V (band, band), losses (band,).
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 
     with s_{-g} the responses fitted without group g of the G groups of squares (jackknife). If a band is in several
-    fits (one for each kind of strip), s and the loss are means over these fits, weighted by pixels. With fewer than two
-    groups, the standard error of a response is the response itself.
+    fits (one for each kind of strip), s and loss (`KernelFit.loss`) are means over these fits, weighted by pixels. With
+    fewer than two groups, the standard error of a response is the response itself.
     """
     share = np.sum([f.pixels * np.bincount(f.bands, minlength=bands) for f in found], axis=0)
     groups = min((len(f.left_out) for f in found), default=0)

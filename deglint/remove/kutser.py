@@ -19,7 +19,7 @@ def plan(request: FitRequest) -> SamplePlan:
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """Fit the glint spectrum G to the depth D of the oxygen absorption band at 760 nm.
+    """Fit the glint spectrum G to the depth D of the oxygen absorption at 760 nm; R_i is the value of band i.
 
     R'_i = R_i - G_i D / D_max, with D = (R_739 + R_775) / 2 - R_760 and G_i = R_i(at D_max) - R_i(at D_min).
 

@@ -149,7 +149,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the maximum of `counts` (bin,), by a parabola; of equal maxima, the middle of the first run."""
+    """Position [bin] of the maximum of `counts` (bin,), by a parabola; if neighbouring bins have it, their middle."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -160,7 +160,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The mask `sample` without pixels near strong glint: resampling darkens them. `together`: slopes @ predictions."""
+    """The mask `sample` without pixels near strong glint, which resampling darkens; `together`: predicted glint."""
     return sample & ~grown(together > np.percentile(together[sample], STRONG_PERCENTILE), PIT)
 
 
@@ -193,14 +193,14 @@ def shared_level(
     resolved : True if pixels are smaller than waves
 
     The three levels are the lowest one with which almost no pixel with little glint becomes negative, the chosen one,
-    and the median of the predicted NIR. The chosen one is the least prediction in the sample, but not below the lowest
-    one. How both are determined depends on the kind of glint (`GLINT_KINDS`): clear, rare, sparse, dense or a sheet.
-    Where it is dense or a sheet, and each pixel contains several waves, all pixels may have glint. The chosen level is
-    then lowered to the highest NIR that water can have, computed from the excess b / s - p, with b the value of a band,
-    s the slope of glint, p the prediction. The excess has no glint: it is w_b / s - w_NIR, with w_b and w_NIR those of
-    the water. In a visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the
-    excess. The level is lowered only so far that the least glint is at most `LEAST_OF_MEDIAN` times the median glint,
-    and not below the lowest level. If waves are resolved, it is not lowered, as some of them face away from the sun.
+    and the median of the predicted NIR. The chosen level is the least prediction in the sample, or the lowest level if
+    this is larger. The kind of glint (`GLINT_KINDS`: clear, rare, sparse, dense or a sheet) decides how both levels are
+    computed. If glint is dense or a sheet, and each pixel contains several waves, all pixels may have glint. Then the
+    chosen level is lowered to the highest NIR of the water, computed from the excess b / s - p, with b the value of a
+    band, s the slope of glint, p the prediction. Glint cancels in the excess, which is w_b / s - w_NIR, with w_b and
+    w_NIR the values of the water. In a visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` /
+    (1 - `DARKER`) times the excess. The level is not lowered below the lowest level, and the least glint stays at most
+    `LEAST_OF_MEDIAN` times the median glint. If waves are resolved, it is not lowered, as some of them have no glint.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
@@ -236,8 +236,8 @@ def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float |
     """Lower limit of the result of the removal in each band, (band,) [unit of the band]; None for a band without limit.
 
     `slopes` and `level`, (band,), are as `shared_level` takes and returns them. The limit is the least positive value
-    after removal in the half of the sample with less glint. Errors of the kernels grow with glint, and without a limit
-    would make pixels of the other half darker. A band with many negative values over water has no limit.
+    after removal in the half of the sample with less glint. Errors of the kernels grow with glint: without a limit,
+    some pixels of the other half would become darker than that. A band with many negative values has no limit.
     """
     less_glint = (together := slopes @ sample.prediction) <= np.median(together)
     left = sample.value - slopes[:, None] * np.maximum(sample.prediction - level[:, None], 0)
@@ -247,10 +247,10 @@ def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float |
 
 
 def _highest(values: FloatArray, share: float) -> float:
-    """Value that `share` [%] of the values (pixel,) exceed, but at most a limit, as objects may have a bright NIR.
+    """Value that `share` [%] of the values (pixel,) exceed, or a limit if this is lower, as objects may be bright.
 
-    The limit is twice as far above the median as the value that ten times this share exceeds. For a share of 0.1 % the
-    limit is 26 % farther above the median than the value in an exponential tail, and 51 % farther in a normal tail.
+    The limit is twice as far above the median as the value that ten times this share exceeds. For a share of 0.1 %, the
+    limit is 26 % farther above the median than the value if the tail is exponential, and 51 % farther if it is normal.
     """
     middle, near, far = np.percentile(values, [50.0, 100 - 10 * share, 100 - share])
     return float(min(far, 2 * near - middle))

@@ -2,14 +2,14 @@ r"""Mixture: removal of the weak glint that is left after strong glint was repla
 
 .. math:: L'_b = L_b - (p_b - p_{b0}), \qquad p_b(x) = \sum_r \sum_o k_{bro} L_r(x + o)
 
-with L_b the values of band b, r the NIR and red-edge references, o the offsets in 3 x 3 pixels. The kernels k are
-fitted without subtraction of a local mean: the signal that remains after an opening is faint glint, swell and reflected
-sky, which vary over longer distances. This signal is symmetric about its level p_b0, so p_b - p_b0 may be negative. The
-kernels minimise the sum, over squares of pixels of the sample, of the root mean square residual in the square. This sum
-gives little weight to squares with an object under glint, to which least squares would be sensitive.
+with L_b the values of band b, r the NIR and red-edge references, o the offsets in 3 x 3 pixels. A morphological opening
+has replaced strong glint before. The signal that remains is faint glint, swell and reflected sky. It varies over long
+distances, so no local mean is subtracted for the fit of the kernels k. It is symmetric about its level p_b0, so that
+p_b - p_b0 may be negative. The kernels minimise the sum, over squares of pixels of the sample, of the root mean square
+residual in the square. Least squares would give much more weight to squares that contain an object.
 
-This is the removal in a compensation with an opening (`deglint.compensate`). It fails where the references show the
-bottom. Red edge is not used if it would remove a turbid plume that is added to the sample for a test.
+This variant of the method wiener is used after an opening (`deglint.compensate`). It fails where the references show
+the bottom. Red edge is not used if it would remove a turbid plume that is added to the sample for a test.
 """
 
 from collections.abc import Sequence
@@ -48,9 +48,9 @@ LEAST_KEPT = 0.75
 def fit(request: FitRequest, tiles: list[SampleTile], clear: float, cut: Sequence[float] | None = None) -> GlintModel:
     """Fit kernels and levels to tiles after an opening; the model may also add light (`GlintModel.signed`).
 
-    clear : share of the sample without glint, 0..1. At least `LEAST_GLINT` % is used, or `CLEAR` % if the predictions
-        are skewed (see `SKEWED`). The level of a band is the median of its prediction over this share of the pixels:
-        those with the smallest sum of the predictions of all bands
+    clear : share of the sample without glint, 0..1. If it is less than `LEAST_GLINT` % (or `CLEAR` % if predictions are
+        skewed, see `SKEWED`), this is used instead. The level of a band is the median of its prediction over this share
+        of the pixels: those with the smallest sum of the predictions of all bands
     cut : for each band of the scene, how much the opening decreased its mean by replacing noise above the background.
         This is added to the level [unit of the band]
 
@@ -82,7 +82,7 @@ def fit(request: FitRequest, tiles: list[SampleTile], clear: float, cut: Sequenc
 
 
 def _fitted(request: FitRequest, tiles: list[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> GlintModel:
-    """Fit kernels of each band on bands `nir` and the longer ones of the bands `more` (0-based); levels are 0."""
+    """Fit kernels of each band on bands `nir` and, of `more`, those of longer wavelength (0-based). Levels are 0."""
     every = (*nir, *more)
     sides = [MIXTURE_SIDE] * len(every)
     parts = [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides) for t in tiles]
@@ -117,7 +117,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """Share of an added plume that a removal with references `nir` and `more` (0-based) keeps; minimum over bands."""
+    """Share of a plume added to the tiles that a removal with references `nir` and `more` keeps; least over bands."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

@@ -21,9 +21,9 @@ def spread(values: FloatArray) -> float:
 
 
 def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
-    """Standard deviation of a band's noise [its unit], from second differences along columns in darker pixels; > 0.
+    """Standard deviation of a band's noise [unit of the band], above 0, from second differences along columns.
 
-    planes, inside : for each tile, finite values of the band and mask of the pixels to use, (row, column) each
+    planes, inside : for each tile, (row, column): finite values of the band; mask of pixels, whose darker half is used
 
     After Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060.
     """

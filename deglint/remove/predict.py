@@ -24,12 +24,12 @@ SPARE = 16  # columns that are added: at least as many as OpenCV's filters proce
 def predictions(
     references: Mapping[int, FloatArray], model: GlintModel, origin: tuple[int, int] = (0, 0)
 ) -> Iterator[FloatArray]:
-    """Yield the glint index that a kernel model computes for each band it corrects, (row, column) [unit of the NIR].
+    """Yield, for each band that a kernel model corrects, its glint index, (row, column) [unit of the index].
 
     references : finite values, (row, column), of each reference, by its 0-based band; they are mirrored at the edges
     origin : row and column in the scene of the first pixel [pixel]
 
-    If the model has two kinds of detector strips, their predictions are blended where they meet.
+    If the model has kernels for two kinds of detector strips, the predictions are blended where the strips meet.
     """
     import cv2
 
@@ -46,7 +46,7 @@ def predictions(
 
 
 def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
-    """Sum over the references of their values filtered by the kernels of an index; without the border of `wide`."""
+    """Sum of the references `wide` (by 0-based band), filtered by the kernels of an index; the border is cut off."""
     import cv2
 
     inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
@@ -72,8 +72,8 @@ def glint(
     crop : width of the halo above, below, left and right of the tile [pixel]
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
-    limited by `BandFit.floor`, and never negative unless the model is signed. Also returns a mask of the same shape,
-    True where water is too bright for glint, so that `clean` replaced it, and beside it; None if no water is so bright.
+    limited by `BandFit.floor`, and never negative unless the model is signed. Also returns a mask of the same shape:
+    True where `clean` found water too bright for glint, and at the pixels beside it; None if no water is so bright.
     """
     height, width = water.shape
     inner = slice(crop[0], height - crop[1]), slice(crop[2], width - crop[3])
@@ -102,7 +102,7 @@ def glint(
 
 
 def _check_block(block: FloatArray, model: GlintModel) -> None:
-    """Raise InputError if `block` is no float array of the model's bands, or `model` no model."""
+    """Raise InputError if `block` is no float array with the model's bands, or if `model` is no GlintModel."""
     check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
     check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
     if block.ndim != 3 or len(block) != len(model.band_names):
@@ -122,12 +122,12 @@ def apply(
     Parameters
     ----------
     block : (band, row, column) float32 or float64 ndarray
-        Physical values, NaN or masked where not valid. If `model.strips` is set, it begins at the scene's first pixel.
+        Physical values, NaN or masked where not valid. With `model.strips`, it must begin at the scene's first pixel.
     model : GlintModel
     where : (row, column) bool ndarray, optional
-        True where pixels are corrected; others are copied. A model with kernels takes it as the mask of water, too.
+        True where pixels are corrected (default: all); others are copied. Kernels also take it as mask of water.
     out : ndarray like block, optional
-        Array for the result; may be `block` itself, which otherwise is not modified.
+        Array for the result, a new one by default. It may be `block` itself; otherwise `block` is not modified.
 
     Returns
     -------

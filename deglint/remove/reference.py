@@ -25,7 +25,7 @@ QUARTILE, FACTOR = 25, 2.5
 in each. Ships increase the maxima of few squares, those of a port, while a long tail of sparkle is in every square."""
 OFTEN = 99.0
 """Percentile of the excess over the local mean. Above it are more pixels than ships have, even in a port. If it exceeds
-the limit, the bright pixels are glint, which covers a part of the scene."""
+the limit, the bright pixels are glint in a part of the scene."""
 LEAST_LOCAL = 8  # fewest pixels of water for a local mean with which a pixel is compared [pixel]
 NOISE_SIDE = 5  # side of the squares whose variance is compared with that of noise [pixel]: as the largest kernel
 GRAINS = 65535  # largest quantised value (grain), for exact sums; the sum of 225 of them stays below 2^31
@@ -45,7 +45,7 @@ class ReferenceRule:
 
     @property
     def halo(self) -> int:
-        """Pixels that `clean` needs beside a tile: for three local means, three times `edge`, and its noise filter."""
+        """Pixels that `clean` needs beside a tile: for 3 local means, for 3 times `edge`, and for the noise filter."""
         return 3 * (LOCAL_MEAN // 2) + 3 * self.edge + (NOISE_SIDE // 2 if self.noise else 0)
 
 
@@ -54,12 +54,12 @@ def fit_reference(
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
-    tiles : for each tile the band and a mask of open water away from shores, (row, column); small masks set no limit
+    tiles : for each, band and mask of open water away from shores, (row, column); no limit if none has `open_squares`
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
-    sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, or if glint covers only a part of
-        the scene (`OFTEN`), the limit is at least the excess of one pixel in a million, extrapolated by a power law
-        through the 99th and the 99.9th percentile of the excess
+    sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, or if only a part of the scene has
+        glint (`OFTEN`), the limit is at least the excess of one pixel in a million, by a power law through the 99th and
+        99.9th percentile of the excess
     smooth : whether `clean` reduces the noise of the reference (`_smoothed`)
     """
     tiles = [(values, sample & np.isfinite(values)) for values, sample in tiles]
@@ -105,7 +105,7 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
 
 
 def _smoothed(values: FloatArray, rule: ReferenceRule) -> FloatArray:
-    r"""Shrink a reference R, (row, column), toward its local mean m where it varies no more than noise does.
+    r"""Shift a reference R, (row, column), toward its local mean m, and fully where it varies no more than noise does.
 
     .. math:: R' = m + \max(0, 1 - s^2 / v) (R - m)
 

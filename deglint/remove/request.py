@@ -22,7 +22,7 @@ SIGNIFICANT = 3.0  # a slope that exceeds zero by fewer standard errors has a wa
 
 @dataclass(frozen=True, slots=True)
 class FitRequest:
-    """What to fit: bands to correct, references, options. InputError for a wrong option, or no band to correct."""
+    """What to fit: bands to correct, references, options. Raises InputError for a wrong option or empty `correct`."""
 
     bands: tuple[Band, ...]  # all bands of the scene
     correct: tuple[int, ...]  # 0-based bands to correct
@@ -54,11 +54,11 @@ class FitRequest:
 
     @property
     def nir(self) -> tuple[int, ...]:
-        """0-based NIR band of each band of `correct`, for kernels: the first band of its index (None: of index 0)."""
+        """0-based NIR band of each band to correct, for kernels: the first in its index, or in index 0 for None."""
         return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
-        """0-based band nearest to `wavelength` [nm]. BandError about `method` if it is not within `within` [nm]."""
+        """0-based band nearest to `wavelength` [nm]. Raises BandError (about `method`) if it is not within `within`."""
         known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
         if not known or min(known)[0] > within:
             listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
@@ -70,7 +70,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Statistics for a fit: moments (for "detrended", about local means), and single pixels if options need them."""
+    """Plan moments (about local means if "detrended"), and single pixels if an option or `keep_index` needs them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index

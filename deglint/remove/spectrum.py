@@ -37,9 +37,9 @@ def shared_glint(response: Float64, covariance: Float64, explained: Float64, req
     .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
         s' = a c + P S^{-1} (s - a c)
 
-    V (band, band) is the covariance of s. The spectrum c is that of glint in images of radiance or of reflectance,
-    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s. `explained` is as in
-    `slopes_of_glint`.
+    V (band, band) is the covariance of s. The weights are S^-1 c; a, on which P depends, is iterated. The spectrum c is
+    that of glint in images of radiance or of reflectance, whichever has the smaller (s - a c)^T S^-1 (s - a c). With
+    regression "ols", s' is s, and the weights are V^-1 s. `explained` is as in `slopes_of_glint`.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":

@@ -126,7 +126,7 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
     """Merge the statistics of several tiles; the result is the same to the bit for any order of the parts.
 
     parts : at least one, gathered with this plan
-    plan : says which cells are merged into one
+    plan : its `levels` say how many neighbouring cells are merged into one
     """
     some = [p for p in parts if len(p.raw.n)] or parts[:1]
     raw = CellMoments.concatenate([p.raw for p in some]).joined(plan.levels)
@@ -138,12 +138,12 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
-    """Darkest (`sign` 1) or brightest (-1) pixel in each index, among those of several tiles; the first of equals."""
+    """Darkest (`sign` 1) or brightest (-1) pixel of several tiles in each index; if pixels are equal, the first one."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
-    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each index (`variables[bands:]`), the first of equals."""
+    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each index, `variables[bands:]`; if equal, the first."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
         row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])

@@ -54,8 +54,8 @@ def _hat(places: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.float32]:
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     """Kernels of 3 x 3 pixels, (offset, band) each, of the two kinds of strips; None if one kernel is nearly as good.
 
-    In turn, each square of the sample is assigned to the kernel with the smaller residual, and each kernel is fitted to
-    its squares. The first kernels are that of all squares and its point reflection. None if a kind has few squares.
+    It starts with the kernel of all squares and its point reflection. Each iteration assigns every square to the kernel
+    with the smaller residual, and fits each kernel to its squares. The result is also None if a kind has few squares.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)

@@ -9,7 +9,7 @@ blur between the glint of two bands, and average the noise of the reference. The
 glint) is shifted toward the spectrum of glint (`spectrum`). All bands are corrected, or none. The levels p_b0, and
 lower limits of L'_b, are in `levels`. With one pixel, no plane and the minimum as level it is Hedley's method.
 
-It fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
+The method fails for unknown strips with other band delays, for a homogeneous sheet of glint (no image shows its level),
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
 """
 
@@ -98,7 +98,7 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], *, strips: GivenStrips
     request : with regression "ols" no local plane is subtracted, and responses are not shifted to the expected spectrum
     tiles : parts of the scene, spread over it; 0.3 million pixels are enough
     strips : map of the detector strips with opposite band delays, which get separate kernels; or a function that makes
-        the map of the whole scene with a `SquareKinds`. `fit` calls it if the sample shows two kinds of strips
+        this map from a `SquareKinds`, called if the sample shows two kinds of strips. None: one kernel for all strips
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing. Raises
     FitError for too little open water, a constant NIR, or sums of squares beyond double precision.
@@ -114,7 +114,7 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], *, strips: GivenStrips
 
 
 def prepare(request: FitRequest, tiles: Sequence[SampleTile]) -> Prepared:
-    """Prepare the tiles of a sample for fits with the references of `request`, or some of its further references."""
+    """Prepare the tiles of a sample for fits with the references of `request`, with all or some of `request.more`."""
     request, notes = _without_constant(request, tiles)
     rules = _rules(request, tiles, list(dict.fromkeys(r for s in band_sets(request) for r in s.references)))
     cleaned = [_cleaned(tile, request, rules) for tile in tiles]
@@ -157,7 +157,7 @@ def fit_without_levels(ready: Prepared, *, strips: GivenStrips = None) -> tuple[
 
 
 def _without_constant(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[FitRequest, tuple[str, ...]]:
-    """The request without wavelengths of constant or empty bands: these are no references; and texts that name them."""
+    """Delete wavelengths of constant or empty bands, so that these are no references; return the request and notes."""
     bands, notes = list(request.bands), []
     for i in set(range(len(bands))).difference(request.correct, request.nir):
         values = np.concatenate([t.block[i][t.sample] for t in tiles])
@@ -200,7 +200,7 @@ def _gathered(band_set: BandSet, tiles: Sequence[_Cleaned], planes: Sequence[_Ke
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Split the squares of all `grams` by kind of strip, [kind][set]; not split if a kind has few squares."""
+    """Split squares of `grams` (one per band set) by kind of strip: [kind][set]. All are one kind if a kind is rare."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
@@ -240,7 +240,7 @@ def _serves(band: Band) -> bool:
 
 
 def _cleaned(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Cleaned:
-    """Prepare a tile: `clean` its references by `rules`; the sample excludes pixels too bright for glint, and NaN."""
+    """Clean the references of a tile by `rules`, and exclude NaN and pixels too bright for glint from its sample."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
@@ -275,7 +275,7 @@ def _kernel_planes(tile: _Cleaned, sample: Mask, request: FitRequest) -> _Kernel
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks `inside` without pixels that deviate too far from local means for glint (`high`), and pixels near them."""
+    """Masks `inside` without outliers (deviations `high` from local means too large for glint) and pixels near them."""
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
     if not tops:
@@ -320,8 +320,8 @@ def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: C
 def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[float]) -> tuple[GlintIndex, ...]:
     """Glint index of each band: its kernel, changed from the response s to the new response s', divided by its slope.
 
-    k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands with the weights
-    of `common`, scaled to the response 1. Glint that noise and delays hide is added evenly over the window.
+    k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands in the fit with
+    the weights of `common`, scaled to the response 1. Glint that noise and delays hide is added evenly over the window.
     """
     out = {}
     for f in fitted:
@@ -339,7 +339,7 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
 
 
 def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequence[_Cleaned], side: int) -> LevelSample:
-    """Values that determine levels, of bands with the indices `some`; local means are of squares of `side` pixels."""
+    """Values for the levels of the bands `some` (positions in `fits`); local means are over `side` x `side` pixels."""
     import cv2
 
     slopes = np.array([f.slope for f in model.fits])[some]
