@@ -2,10 +2,10 @@
 
 An opening is the minimum over a window, then the maximum of these minima. It removes glint, which is brighter than the
 water, and narrower than the objects to keep. An opening by a square also removes corners and round edges of objects.
-Openings by an octagon and a diamond keep such edges, but also more glint. Their excess over the opening by a square is
-the outline detail. Outline detail is used only where it is larger in two bands than the detail of sparkle in the NIR
-bands, which show no objects under water. In each band it is at most `MOST` times the larger detail of the bands taken
-before and after it.
+Openings by an octagon and a diamond keep such edges, but also more glint. The outline detail is the excess of the
+larger of these two over the opening by a square. It is added to the background where it is larger in two bands than the
+outline detail of sparkle in the NIR bands, which show no objects under water. The outline detail of a band is limited
+to `MOST` times the larger detail of the bands taken before and after this band.
 
 The method fails where clumps of glint are wider than the window, as their darkest pixel is glint. Objects and textures
 of the bottom that are narrower than the window are removed, too.
@@ -111,12 +111,12 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 
 
 def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
-    """Mask, (band, pixel), of the pixels with the least glint according to another band.
+    """Mask, (band, pixel): for each band, the `CLEAR_PERCENT` of the pixels that have the least glint in another band.
 
     The other band is taken within `LASTS` of the band, so that both have the same sparkle; without such a band, it is
-    the nearest in time. Of several, that band is used whose water is darkest relative to glint, most often the NIR. (In
-    the band itself, the darkest pixels have the lowest noise, or are dark water.) The mask is not for simultaneous
-    bands, or bands with ringing: these have the same errors of resampling and compression beside glint.
+    the nearest in time. If there are several, the one with the darkest water relative to glint is used, most often the
+    NIR. (The darkest pixels of the band itself have low noise, or are dark water.) Do not use the mask for simultaneous
+    bands or for bands with ringing: in them, all bands have the same errors of resampling and compression beside glint.
 
     excess : bands minus their openings, (band, pixel)
     water : background of each band, (band,), in a unit in which glint is the same in all bands
@@ -137,7 +137,7 @@ def median_and_spread(excess: Float32) -> tuple[float, float]:
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), a band minus its opening, where it is not 0; standard deviation below the mode."""
+    """Mode of `excess` (pixel,), a band minus its opening, and standard deviation below the mode; zeros are ignored."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -172,7 +172,7 @@ class Background:
 
     @property
     def clear(self) -> float:
-        """Share of pixels without glint, 0..1. Faint glint is assumed to cover as many pixels as detected glint."""
+        """Share of pixels without glint, 0..1. Undetected glint is assumed in as many pixels as detected glint."""
         return max(1 - 2 * self.cover, 0.0)
 
     @property
@@ -182,8 +182,8 @@ class Background:
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
-        """The bands to open and their openings by a square, (band, row, column) each. The bands are the image or, after
-        a stage `psf`, its deconvolution. With `caps`, they are the image, raised to the mean `around` if it is lower.
+        """Bands to open, and their openings by a square, (band, row, column) each. The bands are the image or, after a
+        stage `psf`, its deconvolution. With `caps`, they are the image, with every pixel at least the mean `around`.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -191,13 +191,13 @@ class Background:
         return source, np.stack([opening(b, self.size) for b in source])
 
     def details(self, source: Float32, level: Float32) -> Float32:
-        """Outline detail of bands `source` in units of `colour`, limited by `shared`; `level` is as in `outlines`."""
+        """Outline detail of bands `source` with openings `level`, divided by `colour` and then limited by `shared`."""
         found = outlines(source, level, self.size)
         found /= np.array(self.colour, np.float32)[:, None, None]
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) minus `offsets`: opening plus outline detail; blurred if `sharp` is used."""
+        """Background minus `offsets`, (band, row, column): opening plus outline detail, blurred again after `psf`."""
         source, level = self.opened(state)
         if self.limit is not None:
             detail = self.details(source, level)
@@ -213,8 +213,9 @@ class Background:
     def apply(self, state: State) -> State:
         """Determine the background, and mark the pixels that exceed it as glint.
 
-        Pixels in which only noise exceeds the background are marked, too. With a background higher by one standard
-        deviation of noise, errors would change by 19 % in dense glint (faint glint is missed), else by under 2 %.
+        Pixels that exceed the background only because of noise are marked, too. If the background were higher by one
+        standard deviation of noise, faint glint would be missed: errors would change by 19 % in dense glint, and by
+        under 2 % in other glint.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]
@@ -222,9 +223,8 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the stage to a sample of a scene, described by `setting`. `number` is the width of the window, odd [pixel],
-    by default 13. Outline detail is used only with a width of at least 7, known time offsets, a NIR and at least three
-    bands. Raises FitError if the sample is too small.
+    """Fit the stage to a sample; `number` is the width of the window, odd, 13 by default [pixel]. Outline detail needs
+    a width of at least 7, time offsets, a NIR and at least three bands. Raises FitError if the sample is too small.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
@@ -262,12 +262,12 @@ def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
 
 
 def ringing(sample: Sample, sigma: Float64) -> tuple[float, ...]:
-    """The largest value of water without glint in each band if the image has ringing; else the result is empty.
+    """Largest value of water without glint in each band, (band,), if the image has ringing; else an empty tuple.
 
-    Resampling leaves negative lobes (pits) beside sparkle (ringing), and an erosion would widen them. Dark objects are
-    darker than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band
-    has pits in more than a share `MOST_PITS` of its pixels. In a dark band, pits end at zero, and may differ less from
-    the water around. `sigma`, (band,), is the standard deviation of noise.
+    Ringing is caused by resampling: beside sparkle there are dark pixels (pits), which an erosion would widen. Dark
+    objects are darker than the water, too, but not in all bands, as water hides them in some. So an image has ringing
+    if the share of pits exceeds `MOST_PITS` in every band. As values of a dark band may be limited to at least 0, its
+    pits may be less deep (see `PIT_K`). `sigma`, (band,), is the standard deviation of noise.
     """
     caps, least = [], 1.0
     for b, s in enumerate(sigma):

@@ -24,9 +24,9 @@ class FittedChain:
 
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
-    """Fit the stages and the removal of a chain to a sample; `text` is the chain as in `parse` ("remove": no stages).
-    `setting` has properties of the scene; `fit_removal` fits the removal. Raises FitError if a fit fails, such as
-    with too small a sample, and InputError if `text` is not a chain or a stage lacks what it needs.
+    """Fit the stages and the removal of a chain to a sample. `text` is the chain as `parse` reads it, for example
+    "remove" (no stages); `fit_removal` fits the removal. Raises FitError if a fit fails, for example because the sample
+    is too small, and InputError if `text` is not a chain, or a stage lacks what it needs.
     """
     steps = parse(text)
     place = [s.name for s in steps].index("remove")
@@ -44,7 +44,7 @@ def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
 
 
 def removed(state: State, model: GlintModel) -> State:
-    """The state after subtraction of the glint that `model` predicts; its field `removed` has the subtracted glint."""
+    """The state after subtraction of the glint that `model` predicts; `State.removed` is the subtracted glint."""
     if not model.halo:
         image = np.asarray(apply(state.image, model), np.float32)
         return replace(state, image=image, removed=state.image - image)

@@ -13,7 +13,7 @@ K = 5.0  # standard deviations above the median, as in Fink (2014), section 6.3
 
 @dataclass(frozen=True)
 class IdentifyMedian:
-    """The fitted stage `identify-median`: pixels above a threshold are marked, also bright objects and shoals."""
+    """The fitted stage `identify-median`: it marks pixels above a threshold, even if they are objects or shoals."""
 
     name: ClassVar[str] = "identify-median"
     halo: ClassVar[int] = 0

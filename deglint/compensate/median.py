@@ -46,7 +46,7 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
     """Replace each glint pixel of a band by the median of the glint-free pixels around it.
 
     band : (row, column), any unit
-    glint, clean : (row, column), True for pixels to replace, and for glint-free pixels whose median may be taken
+    glint, clean : masks (row, column) of the pixels to replace, and of the glint-free pixels that may replace them
     largest : side of the largest window, odd [pixel]. The side is first 3 pixels and is increased in steps of 2 until
         the window contains 5 glint-free pixels (`CLEAN`)
 

@@ -43,9 +43,9 @@ def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normalise:
     """Determine the level of deep water in each band of `setting` from a sample. The level is the median of the band.
 
-    If more than `number` percent of the pixels are glint, the mode is used instead; by default it is never used. Glint
-    raises the median, so that the normalised band is too low. This is useful if its values replace those of another
-    band (`ReplaceBands`): they hold faint glint, too. Raises FitError if the sample is too small or a level is not > 0.
+    If more than `number` percent of the pixels are glint, the level is the mode; by default it is always the median.
+    Glint raises the median, so that the normalised band is too low. If its values replace glint in another band
+    (`ReplaceBands`), this offsets their faint glint. Raises FitError if the sample is too small or a level is not > 0.
 
     References
     ----------

@@ -10,18 +10,18 @@ x is a band after removal, w the water, n noise of variance :math:`s^2`, and r t
 left, or removed in excess. The variance v of r grows with the removed glint g and is measured on the scene. Pixels are
 grouped by g. In each group, v is the variance about a median of 5 x 5 pixels, minus the same variance in the group with
 the least glint. Variation where no glint was removed (noise of any correlation, and texture) is thus not counted as
-glint, and a pixel from which nothing was removed keeps exactly its value, unless it is saturated, or a pit of
-resampling beside glint. The mean :math:`\mu` and the variance :math:`\tau^2` of the water are estimated from a window
-about twice as wide as a clump of glint, with the weights :math:`1 / (v + s^2)` (for constant v this is the filter of
-Lee 1980). At edges and objects, :math:`\tau^2` is large, and the pixel is hardly changed.
+glint. A pixel from which nothing was removed keeps exactly its value, unless it is saturated or a pit (a dark pixel
+that resampling makes beside glint). The mean :math:`\mu` and the variance :math:`\tau^2` of the water are estimated
+from a window about twice as wide as a clump of glint, with the weights :math:`1 / (v + s^2)` (for constant v this is
+the filter of Lee 1980); :math:`var(\mu)` is the variance of the estimated mean. At edges and objects,
+:math:`\tau^2` is large, and the pixel is hardly changed.
 
 The method fails where strong glint covers a window: the mean of the water then has the error of the removal. Objects
 narrower than a clump under strong glint are lost, but get a large standard error. Cost: three box filters per band.
 
 References
 ----------
-Lee (1980), IEEE Transactions on Pattern Analysis and Machine Intelligence 2, 165-168,
-doi:10.1109/TPAMI.1980.4766994 (local mean and variance).
+Lee (1980), IEEE Trans. Pattern Anal. Mach. Intell. 2, 165-168, doi:10.1109/TPAMI.1980.4766994 (local mean, variance).
 """
 
 from dataclasses import dataclass, replace

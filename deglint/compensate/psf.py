@@ -49,7 +49,7 @@ class PSF:
         return np.linalg.svd(self.kernel)
 
     def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
-        """Approximate the kernel by a sum of outer products; return its pairs of vectors (down, across), (side,) each.
+        """Approximate the kernel by a sum of outer products; return pairs of vectors (down, across), (side,) each.
 
         There are `rank` pairs, or fewer for a small kernel. The least-squares approximation is scaled to a sum of 1.
         """
@@ -89,8 +89,8 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
 def typical_psf(wavelength: float) -> PSF:
     """PSF for unknown optics, for a band with its centre at `wavelength` [nm].
 
-    The typical PSF is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide
-    for optics that are sharper by a third or more. For seven seas, simulated with f/10 and f/30, the error after
+    The typical PSF is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide if
+    the true PSF is narrower by a third or more. For seven seas, simulated with f/10 and f/30, the error after
     sharpening with the typical PSF is 13 % larger than with the true PSF; without sharpening it is 39 % larger.
     """
     return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])

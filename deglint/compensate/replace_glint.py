@@ -29,7 +29,7 @@ class ReplaceBands:
     """The stage `replace-bands`: it replaces glint by the value of the spectrally nearest band without glint.
 
     The image must be normalised (stage `normalise`): the contrast with deep water is assumed to be equal in both bands.
-    New values have the texture of the other band, and its glint that is too faint to be marked. Objects change colour.
+    The new values have the texture and the faint, unmarked glint of the other band. Objects change colour.
     """
 
     name: ClassVar[str] = "replace-bands"
@@ -44,7 +44,7 @@ class ReplaceBands:
 
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
-    """Set pixels `where` to `values`, (band, row, column) both, mark them as replaced, and set the fields `changes`."""
+    """Set pixels `where` to `values`, (band, row, column) each, mark them as replaced, and set the fields `changes`."""
     replaced, image = where if state.replaced is None else state.replaced | where, state.image.copy()
     for band, new, mask in zip(image, values, where, strict=True):
         cv2.copyTo(new, mask.view(np.uint8), band)  # np.where takes ten times longer
@@ -52,8 +52,8 @@ def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
 
 
 def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...]) -> tuple[Float32, Mask]:
-    """Replace glint by the value of the nearest glint-free band; return image and mask of replacements, (band, row,
-    column). `order` lists for each band the others, nearest first. Pixels with glint in every band are not changed.
+    """Replace glint by the nearest glint-free band; return image and mask of replaced pixels, (band, row, column) each.
+    For each band, `order` lists the other bands, nearest first. Pixels with glint in every band are not changed.
     """
     values, todo = image.copy(), glint.copy()
     for band, others in enumerate(order):

@@ -88,7 +88,7 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], c
     glint : spectrum of glint divided by the radiance of a white target (`Targets.light`)
     time : time offset [s]
     s : standard deviation of noise divided by the radiance of a white target
-    change : standard deviation of either part relative to the brightness: `CHANGE`, or `NO_CHANGE` for a white target
+    change : standard deviation of each part, relative to the brightness: `CHANGE`, or `NO_CHANGE` for a white target
     """
     u, spectrum = (np.array(time) - np.mean(time)) / np.ptp(time), np.array(glint) / max(glint)
     factors = spectrum * np.stack([np.ones_like(u), change * u, change * (u * u - (u * u).mean())])
@@ -106,7 +106,7 @@ def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
     """Models of the spectra of targets, one for each brightness 2**n, n = 0 to 16, in units of `Targets.light`.
-    All arguments are (band,): centre, full width [nm]; radiance of water, standard deviation of noise (in this unit).
+    All arguments are (band,): centre and full width [nm], radiance of water and standard deviation of noise [`light`].
     """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
@@ -147,7 +147,7 @@ def lasting_flashes(
     e: Float32, sparkle: Float32, of_targets: list[Model], of_flashes: list[Model], of_white: list[Model]
 ) -> npt.NDArray[np.bool_]:
     """Mask (pixel,) of flashes that last; all False if they are rare. `e` is as in `likelihoods`, for pixels lit in all
-    bands; `sparkle` is their log likelihood as changing sparkle; `of_white` are the `flashes` with `NO_CHANGE`.
+    bands; `sparkle` (pixel,) is the log likelihood of changing sparkle; `of_white` are the `flashes` with `NO_CHANGE`.
     """
     target, flash, white = (likelihoods(e, of)[0] for of in (of_targets, of_flashes, of_white))
     unexplained = np.maximum(target, flash) - sparkle > UNEXPLAINED

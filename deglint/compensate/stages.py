@@ -208,7 +208,7 @@ def _stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read a chain from the values of `Chain.numbers`. Raises InputError if its stages or their fields do not fit."""
+    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if they are not a valid chain."""
     try:
         before, after = (tuple(_stage_from(s) for s in data[k]) for k in ("before", "after"))
         text = str(data["chain"])
@@ -222,7 +222,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _with_infinity(value: object) -> Any:
-    """A copy of a value in which None as an item of a list, also of a nested list, becomes infinity."""
+    """A copy of a value, with lists instead of tuples, in which each None in a list (null in JSON) becomes infinity."""
     if isinstance(value, dict):
         return {k: _with_infinity(v) for k, v in value.items()}
     return [np.inf if v is None else _with_infinity(v) for v in value] if isinstance(value, (list, tuple)) else value

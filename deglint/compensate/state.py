@@ -23,7 +23,7 @@ LARGEST = 1e15  # sums of the squares of larger numbers exceed float32
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A block of a scene and the results of the stages so far, (band, row, column); stages never modify its arrays."""
+    """A block of a scene and the results of the stages so far. Stages do not modify its arrays, (band, row, column)."""
 
     raw: Float32  # the block as read; finite everywhere
     image: Float32  # the block after the stages so far; finite everywhere
@@ -59,7 +59,7 @@ class State:
 
 
 def in_scene_units(state: State) -> State:
-    """The state in the unit of the scene. If it was normalised, pixels not replaced get the values as read."""
+    """The state in the unit of the scene. After `normalise`, pixels that were not replaced get the values as read."""
     if state.unit is None:
         return state
     image = state.image * state.unit[:, None, None]
@@ -103,7 +103,7 @@ class Setting:
 
     @cached_property
     def delayed(self) -> bool:
-        """Whether the times of the bands are known, and differ by at least 0.01 s (`LEAST_DELAY`)."""
+        """Whether the times of the bands are known, and span at least 0.01 s (`LEAST_DELAY`)."""
         return self.offsets is not None and float(np.ptp(self.offsets)) >= LEAST_DELAY
 
     @cached_property
@@ -140,7 +140,7 @@ exactly that value. If values of an image have fewer than 1000 steps, pixels are
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
     """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, infinity if not known.
-    The saturation value is the declared one; or the highest value of the water if it is lower, and many pixels have it.
+    The saturation value is the declared one, or the highest value of water if this is lower and many pixels have it.
     """
     found = np.array([np.inf if b.saturation is None else b.saturation for b in setting.bands])
     for b in range(len(found)):

@@ -7,13 +7,13 @@ S is the log likelihood ratio of target and sparkle for the excess e over the ba
 The columns of F_k are a spectrum with probability w_k (smooth, or with one or two edges) and its standard deviations; A
 is the power of 2 nearest to the largest excess. V_k is the variance of noise, of texture of the water (a bottom) and of
 the non-smooth part of the spectrum; h is the standard deviation of the water that a target hides. Sparkle changes from
-band to band, with probabilities p from histograms of the scene. If flashes last, p includes such flashes. A pixel with
-S > 0 belongs to a target if, in it or a neighbour, the sum of S over 3 x 3 pixels plus the log likelihood ratio of a
-common outline exceeds a threshold. The threshold follows from a false-alarm rate; if sparkle lasts, it is higher.
+band to band; its probabilities p come from histograms of the scene, and include flashes that last. A score is the sum
+of S over 3 x 3 pixels plus the log likelihood ratio of a common outline. A pixel with S > 0 belongs to a target if its
+score or that of a neighbour exceeds a threshold, which follows from a false-alarm rate and is higher if sparkle lasts.
 
-Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
-that move by more than a quarter of their width from the first to the last band, for most coloured targets of 1 pixel
-where sparkle lasts, and where bands are misregistered by more than a third of a pixel.
+Without band delays there is no test, as the spectrum of sparkle is as smooth as that of paint. The test fails for
+targets that move by more than a quarter of their width from the first to the last band, for most coloured targets of
+1 pixel where sparkle lasts, and where bands are misregistered by more than a third of a pixel.
 """
 
 from collections.abc import Sequence
@@ -87,12 +87,12 @@ class Targets:
 
     @property
     def halo(self) -> int:
-        """Margin around a block that the stage needs [pixel]: the reaches of its steps added; 0 if `reason` is set."""
+        """Margin around a block that the stage needs [pixel]: the sum of the reaches of its steps; 0 with `reason`."""
         # mean; peaks, saturation, neighbours of peaks, sums; growth by 7 x 7; sums or outline, target; its edge
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Set `State.targets`, and subtract them from the image if there is no background, unless `reason` is set."""
+        """Set `State.targets`; without background, subtract it from the image. Change nothing if `reason` is set."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -113,7 +113,7 @@ class Targets:
 
     @cached_property
     def _steps(self) -> Float32:
-        """Log probability of each bin, given the bin in the band before (`following`): (table, bin before, bin)."""
+        """Log probability (table, bin before, bin) of a bin given the bin in the band before (`following`)."""
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     @property
@@ -160,7 +160,7 @@ class Excess:
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Self:
-        """Make the excess of a block `raw` over its background, (band, row, column); None: over its local mean."""
+        """Excess of a block `raw` over `background`, (band, row, column) each; if it is None, over the local mean."""
         planes = [raw[b] for b in stage.bands]
         if background is None:
             return cls(stage, planes, [np.asarray(cv2.blur(p, (MEAN_WINDOW,) * 2)) for p in planes], afloat=True)
@@ -172,8 +172,8 @@ class Excess:
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self) -> Mask:
-        """Mask (row, column) of possible peaks of targets. Such a pixel is lit (`EXCEEDS`), with nearly the largest
-        excess of its 3 x 3 pixels (`SAME_PEAK`), in at least three bands, of which one is in each half of the bands.
+        """Mask (row, column) of possible peaks of targets: pixels that are lit (`EXCEEDS`), with nearly the largest
+        excess of 3 x 3 pixels (`SAME_PEAK`), in at least three bands. Both halves of the bands must have such a band.
         """
         count, square = np.zeros((2, *self.raw[0].shape), np.uint8), np.ones((3, 3), np.uint8)
         planes = zip(self.raw, self.below, self.stage.light, self.stage.noise, strict=True)
@@ -314,16 +314,16 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the sample with a score above `stage.threshold` in 3 x 3 pixels; `afloat` of `blocks` is ignored."""
+    """Share of the sample with a score above `stage.threshold` within 3 x 3 pixels, as if `afloat` were False."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
 
 def with_texture(stage: Targets, e: Float32) -> Targets:
     """The stage with a `noise` that includes texture of the water, such as a bottom; `e` (band, pixel) as in `score`.
-    `noise` squared becomes the variance of the darker half of the pixels that are not lit in bands with dark water,
-    minus the variance of glint. The standard deviation of glint has the spectrum of glint, and is as large as
-    it can be without exceeding that of these pixels in a band with dark water. `noise` never decreases.
+    Pixels not lit in bands with dark water are used. `noise` squared becomes the variance of their darker half, minus
+    the variance of glint. The standard deviation of glint is proportional to `glint`, and as large as possible without
+    exceeding the standard deviation of these pixels in any band with dark water. `noise` never decreases.
     """
     s, glint, dark = np.array(stage.noise), np.array(stage.glint), stage.dark
     quiet = e[:, (e[dark] < EXCEEDS * s[dark, None]).all(axis=0)]
@@ -336,8 +336,8 @@ def with_texture(stage: Targets, e: Float32) -> Targets:
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
-    `t` is the time of each band [s]. The table for a step to the next band comes from the pairs of dark bands whose
-    delay is nearest to the delay of this step. Dark bands start at `DARK_FROM`; if fewer than two do, all are used.
+    `t` is the time of each band [s]. Only bands with dark water are used (`dark`), or all if fewer than two are dark.
+    The table for a step to the next band comes from the pairs of these bands whose delay is nearest to its delay.
     """
     dark = stage.dark if len(stage.dark) > 1 else list(range(len(t)))
     pairs = np.array([(i, j) for i in dark for j in dark if i != j])
@@ -358,7 +358,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of pixels `steady` in all bands, of the darker half of those lit in the first band; `q` as in `steady`."""
+    """Share `steady` in all bands, among the darker half of the pixels lit in the first band; `q` as in `steady`."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

@@ -6,16 +6,16 @@ with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the
 standard error of the glint-free NIR. Where stages before the removal replaced glint, the error variance of the water,
 :math:`\sigma_w^2`, is measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to
 the compensated image, and the chain is run again. Elsewhere the variance comes from the stage `posterior` if the chain
-has it, else it is the variance of noise and, if no stage replaces glint, of the glint that the removal left. In bands
-that the removal does not correct, such as the NIR that it follows, faint glint is left: the square of the excess over
-water without glint is added.
+has it, else it is the variance of noise and, if no stage replaces glint, of the glint that the removal left. Bands that
+the removal does not correct (such as the NIR, from which it predicts glint) keep their faint glint: the square of the
+excess over water without glint is added.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects that an opening removes do not increase the standard error.
 
 References
 ----------
-Efron, Tibshirani (1993), An Introduction to the Bootstrap, doi:10.1201/9780429246593 (errors from a known copy).
+Efron, Tibshirani (1993), An Introduction to the Bootstrap, doi:10.1201/9780429246593 (errors on data with known truth).
 """
 
 from collections.abc import Callable, Sequence
@@ -92,7 +92,7 @@ def fit_replaced(
 
 
 def _trial(done: State) -> State:
-    """State for a trial: image of `done` (after all stages) plus its glint in replaced pixels, moved half a block."""
+    """State for a trial: image of `done` (after all stages) plus the glint replaced in it, moved by half a block."""
     assert done.replaced is not None  # a stage before the removal replaces glint
     glint = np.where(done.replaced, np.maximum(done.raw - done.image, 0), 0)
     known = done.image + np.roll(glint, (glint.shape[1] // 2, glint.shape[2] // 2), (1, 2))
@@ -110,9 +110,9 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 
     state : the block, with the light that was `removed`, and the `variance` if a stage has computed it
     model : model of the removal
-    errors : result of `fit_replaced` if stages before the removal replace glint. A trial of all stages has measured the
-        error of replaced pixels. In bands without `variance`, other pixels have the error of noise. In bands that the
-        removal does not correct, the excess over water without glint is added.
+    errors : result of `fit_replaced` if stages before the removal replace glint. Replaced pixels get the error that its
+        trial has measured. Other pixels get the error of noise where `variance` is not known. In bands that the removal
+        does not correct, the excess over water without glint is added.
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
     corrected = {f.band for f in model.fits}
@@ -133,9 +133,9 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior:
     """Measure the glint left in a sample `after` the removal by `model`; return a stage that only sets the variance.
 
-    The true slope is 1 to 1/rho times the slope of least squares; rho is the correlation of the band with the glint. If
-    the variance that glint does not explain is signal of water, this factor is 1; if it is glint that moved between
-    bands, it is 1/rho. All factors between are equally likely: the relative standard error is (1/rho - 1) / sqrt(3).
+    The variance includes the error of the slope. The true slope is 1 to 1/rho times the fitted slope (rho: correlation
+    of band and glint). The factor is 1 if the variance that glint does not explain is signal of water, 1/rho if it is
+    glint that moved between bands. All factors are equally likely: the relative error is (1/rho - 1) / sqrt(3).
     """
     found = posterior.fit(after, setting)
     share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}
