@@ -25,9 +25,8 @@ class Candidate:
 
 
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
-    """Candidate recipes for a scene with the properties `setting`, simplest first.
-
-    `width` is that of the smallest object to keep: below 2.5, no opening is tried. `clump` is that of a clump [pixel].
+    """Candidate recipes for a scene with the properties `setting`, simplest first. No opening is tried if `width`, the
+    width of the smallest object to keep [pixel], is below 2.5. `clump` is the width of a clump of glint [pixel].
     """
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener")]
     targets = "targets, " if setting.delayed else ""
@@ -40,10 +39,10 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 
 
 def windows(width: float, clump: int) -> list[int]:
-    """Sides of the windows of morphological openings to try, odd; these and the arguments are in [pixel].
+    """Sides of the square windows of the morphological openings to try, odd integers [pixel].
 
-    The first is the largest that preserves objects of `width`, clipped to 5..13. If windows that are at least 4 smaller
-    remove clumps of the width `clump`, the second is the smallest of these.
+    The first is the largest that preserves objects of the width `width` [pixel], clipped to 5..13. The second is the
+    smallest that removes clumps of the width `clump` [pixel]; it is only tried if it is at least 4 smaller.
 
     Examples
     --------

@@ -64,7 +64,7 @@ def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, 
 
 
 def discs(inside: Mask, bands: Sequence[Band], level: Float32, width: float, seed: int) -> Float32:
-    """Discs like those of `implants`, from the same arguments but at other places, to be added, (band, row, column)."""
+    """Discs to add to a tile, (band, row, column); arguments are as in `implants`, but discs are at other places."""
     pattern = _discs(inside, width, np.random.default_rng((SEED, seed)))
     return np.asarray(_submerged(bands, level)[:, None, None] * pattern, np.float32)
 
@@ -74,7 +74,7 @@ def gains(
 ) -> dict[str, float]:
     """Gain of each signal, by name, from a least squares fit of the patterns to the responses in all tiles and bands.
 
-    The mean of each tile is subtracted first, because signals also change the fitted level (glint-free NIR).
+    The mean of each tile is subtracted first: signals also shift the fitted level (glint-free NIR), which is no gain.
 
     responses : (band, row, column) of each tile: results of a recipe with the signals minus its results without them
     added : signals of each tile
@@ -117,7 +117,7 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
     """Contrast (row, column) of discs of a `width` [pixel], half of them bright and half dark; 0 elsewhere.
 
-    The centres are about four widths apart, at least 16 pixels, on a grid from the first row and column of `inside` on.
+    The centres lie near a grid that starts where `inside` starts; its pitch is four widths, at least 16 pixels.
     """
     out, pitch = np.zeros(inside.shape, np.float32), max(round(4 * width), 16)
     top, left = (int(np.argmax(inside.any(axis=a))) + pitch // 2 for a in (1, 0))

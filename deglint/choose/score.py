@@ -13,20 +13,20 @@ without glint and noise, is then
 S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. Where bands have different sparkle, P is
 replaced in this limit by the power that two bands share, the mean product of their textures (`partners`). The minimum
 over the recipes is computed twice: over all pixels, and over the pixels with the least glint. The first minimum is too
-large if all recipes leave glint. The second is too small if shallow bottoms, which look like glint in the NIR, are left
-out. S is the geometric mean of both minima, or the first if that is smaller. S is at least the texture that glint
-cannot explain, because the NIR shows less texture (`least_signal`). A recipe that erases signals has a small P but also
-a small g, so its E is not small. The few tiles may lack some signals. Therefore two losses are added to E: the loss of
-a weak signal at each scale but the coarsest, and that of objects and plumes of typical contrasts, each on a hundredth
-of the scene.
+large if all recipes leave glint. The second is too small if it excludes shallow bottoms, which look like glint in the
+NIR. S is the geometric mean of both minima, or the first if that is smaller. But S is at least the power of the texture
+that neither noise nor the glint in the NIR explains (`least_signal`). A recipe that erases signals has a small P but
+also a small g, so its E is not small. The few tiles may lack some signals. Therefore two losses are added to E: the
+loss of a weak signal at each scale but the coarsest, and the loss of objects and of plumes with typical contrasts, each
+of which is assumed on a hundredth of the scene.
 
-At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
-share, which texture cannot show. There g is the gain of plumes, or the root of the share of P that a recipe keeps, if
-that is larger: a reef is brighter than deep water, but unlike sediment hardly in the NIR. If the level after a removal
-exceeds the lowest level after an opening, or the reverse, a part of the excess is counted as an offset that glint left
-(`level_excess`): an opening finds the water between the glint where there is some, while a removal takes its level from
-the pixels with the least glint. What an opening takes from a band beyond the glint that the NIR shows is counted as
-erased signal (`erased`).
+At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset of all pixels,
+which texture cannot show. There g is the gain of plumes or, if larger, the root of the ratio of P to the largest P of
+all recipes. The root is larger for a reef, which is bright in the visible but, unlike sediment, not in the NIR. If the
+result of a removal is brighter than the darkest result of an opening, or the reverse, a part of the difference is
+counted as glint that is left (`level_excess`): an opening is too bright where it finds no water between the glint; a
+removal is too bright if the pixels from which it takes its level, those with the least glint, have some. What an
+opening takes from a band beyond the glint that the NIR explains is counted as erased signal (`erased`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -67,8 +67,8 @@ def powers(
 
     images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
-    clear : per tile, mask (band, scale, row, column) for all scales but the last (`least_glint`); default: `inside`
-    partner_of : band whose texture multiplies that of each band (`partners`); default: the band itself, if evaluated
+    clear : per tile, mask (band, scale, row, column) used instead of `inside` except at the last scale (`least_glint`)
+    partner_of : partner of each band (`partners`): the textures of both are multiplied; default: the band itself
     """
     partner_of = partner_of or {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))}
     total, pixels = np.zeros(len(SCALES)), np.zeros(len(SCALES))
@@ -94,10 +94,9 @@ def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Flo
 
 
 def partners(setting: Setting, unit: Float32) -> dict[int, int]:
-    """Partner of each evaluated band: the nearest in wavelength of those taken at least 0.1 s (`LASTS`) from it.
-
-    Both show the same water, but each has its own sparkle and noise. Bands without such a partner are left out. The
-    result is empty if the times of the bands are not known. `unit` is as in `powers`.
+    """Partner of each evaluated band: of all bands taken at least 0.1 s (`LASTS`) earlier or later, the one of nearest
+    wavelength. A band and its partner show the same water, but different sparkle and noise. Bands without a partner are
+    left out. The result is empty if the times of the bands are not known. `unit` is as in `powers`.
     """
     judged, times, waves = np.flatnonzero(np.isfinite(unit)), setting.offsets, setting.wavelengths
     if times is None:
@@ -112,11 +111,12 @@ def least_signal(
 ) -> Float64:
     """Lower limit of the power of the scene's own texture, (scale,): the power that neither noise nor glint explains.
 
-    images : (band, row, column) of each tile, without compensation
-    inside, unit : as in `powers`; the result is the mean over the bands, each divided by the square of its unit
+    The limit is the mean over the bands of the power divided by the square of the unit.
+
+    images : (band, row, column) of each tile, not corrected
+    inside, unit : as in `powers`
     noises : (band,) standard deviation of the noise [unit of the band]
-    nir : 0-based NIR band
-    spectrum : (band,) glint in each band, divided by the glint in the NIR band
+    nir, spectrum : 0-based NIR band; (band,) glint in each band, divided by the glint in the NIR band
     """
 
     def of_band(band: int) -> Float64:
@@ -134,7 +134,7 @@ def least_signal(
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
     """Mask of each tile, (band, scale, row, column), of the tenth of its pixels with the least glint around them.
 
-    `glint` (band, row, column) and `inside`, as in `powers`, are given for each tile. The coarsest scale has no mask.
+    `glint` is the glint (band, row, column) of each tile; `inside` is as in `powers`. The coarsest scale has no mask.
     """
     out = []
     for planes, mask in zip(glint, inside, strict=True):
@@ -160,11 +160,11 @@ def level_excess(
     opened: Sequence[bool | None],
     delayed: bool,
 ) -> Float64:
-    """How much brighter each result is than the darkest result of the other kind, (recipe,).
+    """How much brighter each result is than the darkest result of the other kind of recipe, (recipe,).
 
-    There are two kinds of recipes: with and without an opening. The medians of each band are compared. The differences
-    are divided by `unit`; their root mean square over the bands minus `SIGNAL`, at least 0, is returned. With `delayed`
-    bands means are compared, as a removal leaves sparkle on few pixels.
+    The two kinds are recipes with and without an opening. In each band medians are compared or, for `delayed` bands,
+    means: there a removal leaves sparkle on few pixels, which a median ignores. Differences above 0 are divided by
+    `unit`; their root mean square over the bands minus `SIGNAL`, at least 0, is returned.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as in `powers`
@@ -185,8 +185,8 @@ def level_excess(
 def erased(taken: Sequence[Float32], inside: Sequence[Mask], unit: Float32, nir: int, spectrum: Float32) -> float:
     """Mean brightness that an opening takes and that cannot be glint, root mean square over bands and tiles.
 
-    Sparkle moves between two bands, but over a tile its mean is the same, so that an opening takes as much from each
-    band as from the NIR, times the spectrum of glint. From a bright bottom it takes more, as water absorbs the NIR.
+    Sparkle lies at different places in the bands, but its mean over a tile is that in the NIR times the glint spectrum.
+    What an opening takes beyond `GLINT_OF_NIR` times that is a signal, such as a bottom that the NIR hardly shows.
 
     taken : (band, row, column) of each tile: image minus result
     inside, unit : as in `powers`; each band is divided by its unit
@@ -205,15 +205,15 @@ def expected_errors(
     least: Float64 | float = 0.0,
     edges: float = 0.0,
 ) -> Float64:
-    """Expected root mean square error of each recipe, (recipe,) [water level], without `level_excess` and `erased`.
+    """Expected root mean square error, (recipe,), relative to the water, without `level_excess` and `erased`.
 
     power : (recipe, scale): `powers` of the result
-    limits : (recipe, scale) each, upper limits of the power of the scene's own signal in the result: `powers` with
-        `partners`, over all pixels and over the pixels with the least glint
+    limits : two arrays (recipe, scale), upper limits of the power of the scene's own signal that the recipe preserves:
+        `powers` with `partners`, over all pixels, and over the pixels with the least glint
     gain : (recipe, scale): share of implanted textures (at the coarsest scale, of plumes) that the recipe preserves
     objects : (recipe,): share of implanted discs that the recipe preserves
     least : (scale,), lower limit of the power of the scene's own signal, from `least_signal`
-    edges : share of edges of large objects in the scene's own signal, which a recipe keeps at least as well as discs
+    edges : share of the scene's own signal that is edges of large objects; their gain is at least that of the discs
     """
     own = gain.copy()
     own[:, :-1] += edges * np.maximum(np.minimum(objects, 1)[:, None] - gain[:, :-1], 0)

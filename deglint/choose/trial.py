@@ -47,13 +47,13 @@ class Trial:
     """Result of trying a candidate on the sample tiles: texture, gains of implanted signals, and expected error."""
 
     candidate: Candidate
-    power: tuple[float, ...]  # mean square of the texture of the result at each of `SCALES` [water level squared]
+    power: tuple[float, ...]  # mean square of the texture at each of `SCALES`, relative to the water squared
     gains: dict[str, float]  # gain of each implanted signal, by name [1]
-    error: float = float("nan")  # expected root mean square error [water level]
+    error: float = float("nan")  # expected root mean square error, relative to the water
 
     @property
     def signals(self) -> Float64:
-        """Preserved share of the textures implanted at `SCALES`, (scale,); that of plumes at the coarsest scale."""
+        """Gain of the textures implanted at `SCALES`, (scale,); at the coarsest scale, the gain of the plumes."""
         return np.array([*(v for k, v in self.gains.items() if k.startswith("texture")), self.gains["plumes"]])
 
     @property
@@ -161,8 +161,8 @@ def choose(
     Returns
     -------
     Choice
-        Copy if no candidate is much better (`WORTH_REMOVING`) or no band varies; "wiener" if there are too few pixels
-        to try others or values are too large.
+        Its best candidate is "copy", which changes nothing, if no other is much better (`WORTH_REMOVING`) or no band
+        varies. It is "wiener" if there are too few pixels to try others, or if values are too large.
     """
     if _too_small(sample):
         return Choice(WIENER, width=width)
@@ -198,8 +198,8 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """First of the equally good trials (`EQUAL_ERRORS`), or the copy, which is `trials[0]`, if that first trial is not
-    much better (`WORTH_REMOVING`). If bands are not `delayed`, errors of openings are compared times `REPLACING`.
+    """First of the equally good trials (`EQUAL_ERRORS`); but if it is not much better than the copy (`WORTH_REMOVING`),
+    the copy, `trials[0]`. If bands are not `delayed`, the first comparison takes errors of openings times `REPLACING`.
     """
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
@@ -213,7 +213,7 @@ def _judged(
     unit: Float32,
     setting: Setting,
 ) -> list[Trial]:
-    """Trial of each pair of runs, without and with the signals `added`. Its error is infinite if it has no number."""
+    """Trial of each pair of runs, without and with the signals `added`; an error that is NaN is set to infinity."""
     runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
     partner_of, results = partners(setting, unit), [r.images for r in runs.values()]
@@ -249,14 +249,14 @@ def _judged(
 
 
 def _spectrum(setting: Setting) -> Float32 | None:
-    """Glint in each band, (band,), divided by that in the NIR; None if a wavelength is not in 300 to 1000 nm."""
+    """Glint in each band, (band,), over that in the NIR, at least 1; None if a wavelength is not in 300 to 1000 nm."""
     if (setting.colour == 1).all():
         return None
     return np.maximum(setting.colour / setting.colour[setting.nir[0]], 1)  # of radiance or reflectance, the larger
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32) -> Float64:
-    """`least_signal` of bands clipped at their percentile `OFTEN`: the NIR, at another time, may miss few flashes."""
+    """`least_signal`, but all bands except the NIR are clipped at percentile `OFTEN`: the NIR may miss rare flashes."""
     images, nir, bands = [s.image for s in sample.states], setting.nir[0], range(len(unit))
     noises = np.array([noise([i[b] for i in images], inside) for b in bands], np.float32)
     high = [np.inf if b == nir else np.percentile(sample.values([i[b] for i in images]), OFTEN) for b in bands]
@@ -281,8 +281,8 @@ def _run(
 
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
-    """Raise FitError if a fitted candidate changes nothing, or has a posterior mean that cannot distinguish residual
-    glint from water. With `fine`, the brightness of water, also raise it if mirrored sky is removed (`_refuse_sky`).
+    """Raise FitError if a candidate changes nothing, has no slope clearly above 0 (`CERTAIN`), or cannot distinguish
+    residual glint from water. If `fine`, (band,) brightness of water, is not None, also refuse a removal of sky.
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
@@ -302,7 +302,7 @@ def _too_small(sample: Sample) -> bool:
 def without_ships(sample: Sample) -> Sample:
     """The sample without ships (pixels far brighter than the water around) and pixels near them: a recipe that erases
     ships would get too small an expected error. Do not use it for fine pixels: there, sparkle is as bright as ships.
-    If a band has more bright pixels than ships have (`OFTEN`), they are glint, and stay. A small sample is not changed.
+    If a band has too many bright pixels for ships (`OFTEN`), they are glint and remain. A small sample is not changed.
     """
     inside = list(sample.inside)
     for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):

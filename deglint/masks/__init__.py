@@ -2,7 +2,7 @@
 
 Each mask is made in two steps: `fit_water` and `fit_sample` determine a rule (a few numbers) from some blocks of the
 scene; `water` and `deep_water` apply the rule to any block. If a tile is read with a margin of `rule.halo` pixels, and
-its mask is cropped to the tile, the mask equals that of the whole scene. Pixels outside the image are no land.
+its mask is cropped to the tile, the mask equals that of the whole scene. Pixels outside the image never are land.
 
 Thresholds are determined from the scene, because its unit is not known (digital numbers, radiance, reflectance). The
 functions read no files, keep no state, and never change a pixel.

@@ -1,7 +1,7 @@
 """Find water by a threshold of the NIR, which is determined from the colours of the scene's pixels.
 
-Criteria compare differences or ranks, and so do not depend on the unit or on an offset common to all bands. Only where
-the bands are radiances, they compare ratios, because white then has different values in the bands (`_View.white`).
+Criteria compare differences or ranks, and so do not depend on the unit or on an offset common to all bands. But if the
+bands are radiances, ratios are compared, because white then has different values in the bands (`_View.white`).
 """
 
 from __future__ import annotations
@@ -89,15 +89,15 @@ def fit_water(
     In small pixels glint is sparkle: as bright as land, but in small patches. Therefore a bright pixel is land only if
     it lies in a square of pixels that are all bright. The side of the square is the smallest with which no isolated
     bright pixels are left on the sea (almost none if they may be boats, see `RARE_BRIGHT`), and at most the width of a
-    patch of glint. Boats, rocks and floating plants are narrower. They are found with smaller squares, in which the NIR
-    is much brighter than glint in squares of this size, or brighter than the visible.
+    patch of glint. Boats, rocks and floating plants may be narrower than this square. They are found with smaller
+    squares: in all their pixels the NIR is much brighter than glint of this size, or brighter than the visible.
 
     blocks : blocks (band, row, column) that represent the scene, or the whole scene [any unit]; NaN is not valid
     roles : which band is the NIR, and which are visible
     pixel : side of a pixel on the ground [m]; None if not known
     whole : whether the blocks cover the whole scene; if not, there may be land outside them
-    reflectance : True if the bands are known to be reflectances. If False, the brightest pixels show whether they are;
-        but pixels below `COARSE_PIXEL`, or of unknown size, are treated as if they were
+    reflectance : True if the bands are known to be reflectances. If False, the brightest pixels show whether they are
+        reflectances or radiances; but if pixels are below `COARSE_PIXEL` or of unknown size, reflectances are assumed
 
     Returns the rule for `water`; its `has_water` is False if no water was found.
 
@@ -151,7 +151,7 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """Add to a rule squares and NIR limits of boats (see `CORE`), unless the sea or the window `widest` is small."""
+    """Add squares and NIR limits of boats (see `CORE`) to a rule, unless the sea or glint (`widest`) is too small."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume, least = rule.nir_level, AFLOAT * abs(rule.contrast), CORE[3 * CORE[0] < widest]
     sides = [w for w in WINDOWS if least <= w <= widest and (w == least or 2 * w <= widest + 1)]
@@ -195,9 +195,9 @@ class _View:
     def votes(self, window: int, white: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 for water, -1 against water, 0 unknown.
 
-        The vote is for water if NIR / visible is below that of white (`white`: its red / green, NIR / green). This vote
-        becomes 0 if the NIR is saturated; unless `brown`, also if red / green or, in radiance, NIR / red is above that
-        of white (soil, town, brown water). Bands are summed over squares of side `window`, as delays displace sparkle.
+        A pixel votes for water if its NIR / visible is below that of white (`white`: red / green, NIR / green). This
+        vote becomes 0 if the NIR is saturated. Unless `brown`, it also becomes 0 if red / green or, in radiance, NIR /
+        red exceeds white (soil, town, brown water). Bands are summed over squares, as delays displace sparkle.
         """
         roles, (red, nir) = self.roles, white
         found = []
@@ -241,7 +241,7 @@ class _View:
         return [filled_squares(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
     def clumps(self, solid: Sequence[Mask], level: float, side: int = CLUMP, *, red: bool = False) -> float:
-        """NIR of the brightest clump of glint (see `CLUMP`) minus `level`, that of water; infinite if the sea is small.
+        """NIR of bright clumps of glint (see `CLUMP`) minus `level`, the NIR of water; infinite if the sea is small.
 
         solid : mask (row, column) of each block, True where it is not water
         side : width of a clump [pixel]
@@ -260,7 +260,7 @@ class _View:
         """Masks of isolated bright pixels on the sea far from land, and of this sea: two lists with a mask per block.
 
         Bright pixels are those that `brighter` marks with squares of side `window`, except pixels that vote against
-        water (if `votes` are given). `brighter` with squares of side `widest` marks land; far is over `widest` pixels.
+        water (if `votes` are given). Land is what `brighter` marks with the side `widest`; far is over `widest` pixels.
         """
         near = [grown(o, 2 * widest + 1) for o in self.brighter(threshold, widest)]
         sea = [v & ~n for v, n in zip(self.valid, near, strict=True)]
@@ -270,7 +270,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels on `sea` may be boats: land is in view, and some squares of sea have none."""
+        """Whether `bright` pixels on `sea` may be boats: land is in view, and only a part of the sea has some."""
         has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)
@@ -316,8 +316,8 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
     """Determine the rule, a threshold of the NIR, for squares of side `window` [pixel]; None if there is no water.
 
     The threshold separates the `votes` (pixel,) with the fewest errors, and is then moved into the gap between water
-    and land. Without land, it is the upper end of the NIR of water, or, if `sparkle`, of glint. If `strict`, it is not
-    moved up to a valley of the histogram, because there may be dark land below the valley.
+    and land. Without land, it is the upper end of the NIR of water or, if `sparkle`, of glint on water. If `strict`, it
+    is not moved up to a valley of the histogram, because there may be dark land below the valley.
     """
     nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
@@ -367,8 +367,8 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 def _at_valley(nir: FloatArray, last: int) -> int:
     """Index, in sorted NIR (pixel,), of the valley of the histogram above index `last`; `last` if there is no valley.
 
-    A valley is a minimum between water and land; both sides are at least twice as high. The votes for water end at
-    `last`, which is below the valley if bands are not calibrated or an offset was subtracted from each band.
+    A valley is a minimum between water and land; on both sides the histogram is at least twice as high. Pixels up to
+    `last` vote for water; `last` is below the valley if bands are not calibrated or had an offset subtracted.
     """
     density, edges = _log_density(nir, float(nir[0]), float(np.percentile(nir, 99)))
     start = min(int(np.searchsorted(edges[1:], nir[last])), len(density) - 1)
@@ -390,7 +390,7 @@ def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, 
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """Upper end of the gap in sorted `nir`: that of the last histogram bin with (nearly) the smallest count."""
+    """Upper end of the gap in sorted `nir`: upper edge of the last histogram bin with (nearly) the smallest count."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     start = float(nir[0])

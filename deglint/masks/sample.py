@@ -83,7 +83,7 @@ class _Local(NamedTuple):
 
 
 def away_from_shore(mask: Mask) -> Mask:
-    """Reduce a water mask (row, column) to squares of `SHORE` x `SHORE` pixels, cut off at edges, that are all water.
+    """Reduce a water mask (row, column) to squares of `SHORE` x `SHORE` water pixels; the edges may cut squares off.
 
     >>> lake = np.zeros((20, 20), bool)
     >>> lake[2:14, 2:14] = lake[16:, :4] = True
@@ -96,12 +96,13 @@ def away_from_shore(mask: Mask) -> Mask:
 def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
-    A pixel is in the sample if it is (1) over 10 pixels (5, 2, 0 if too few are left) from all else that is valid, and
-    the square of 15 x 15 pixels around it is (2) dark: while visible means of squares form two clear classes, Otsu's
-    threshold excludes the brighter class; glint is then subtracted, the same is done again, and the brighter half is
-    excluded; (3) even: the variance of the visible bands that the NIR does not explain is not unusually large; (4) in
-    the quarter of these with the largest NIR variance (strongest glint), or in half or all if they are too few. Then
-    the mask is opened (`CLEANING`). Strong glint is preferred, as noise in the NIR reduces fitted slopes by the factor
+    A water pixel is in the sample if (1) it is over 10 pixels (5, 2, 0 if too few are left) from valid pixels that are
+    not water, and if the square of 15 x 15 pixels around it meets three criteria. (2) It is dark: while visible means
+    of squares form two clear classes, Otsu's threshold excludes the brighter class; glint is then subtracted, the same
+    is done again, and the brighter half is excluded. (3) It is even: the variance of the visible bands that the NIR
+    does not explain is not unusually large. (4) It is in the quarter of the dark, even squares with the largest NIR
+    variance (strongest glint), or in half or all of them if these are too few. Then the mask is opened (`CLEANING`).
+    Strong glint is preferred, as noise in the NIR reduces fitted slopes by the factor
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
@@ -243,7 +244,7 @@ def _even(local: _Local, rule: SampleRule) -> Mask:
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """Mask (pixel,) of the darkest class of `level`, split by Otsu's threshold up to 3 times if classes are clear."""
+    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold is used up to 3 times, if classes are clear."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])
@@ -271,9 +272,8 @@ def _otsu(values: Float64) -> tuple[float, float]:
 
 
 def _select(block: FloatArray, mask: Mask, local: _Local, rule: SampleRule) -> Mask:
-    """Mask (row, column), True in the sample: water that meets all limits of `rule`, after a morphological opening.
-
-    `mask` (row, column) is True over water. The limits apply to `local`; the opening ignores invalid pixels.
+    """Mask (row, column), True in the sample: water (`mask`) whose statistics `local` meet all limits of `rule`, after
+    a morphological opening that ignores invalid pixels.
     """
     valid = valid_for(block, rule.water.roles)
     chosen = local.enough & (local.variance >= rule.least_variance)

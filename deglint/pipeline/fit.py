@@ -41,7 +41,7 @@ class Fitted:
     sample : dict or None
         Outline of the sample as GeoJSON; None if it was not requested.
     water, water_bands : WaterRule or None, tuple of int
-        The rule by which water was found, and the 0-based scene bands that it uses; None if water was not searched for.
+        The rule by which water was found (None if it was not searched for), and 0-based scene bands that masks use.
     chain : Chain
         Stages of compensation around the removal; empty if there are none.
     choice : Choice, optional
@@ -204,7 +204,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
 
     Without a chain, only `recipe.bands` (empty: all bands of the model) are corrected. Raises InputError if the model
     or chain does not suit this scene or the bands, NIR, method or stages of the recipe; NoWaterError if the mask is
-    "auto" and no water is found. All other options of the recipe are ignored, and not in the result's recipe.
+    "auto" and no water is found. All other options of the recipe are ignored, and `Fitted.recipe` does not have them.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

@@ -38,7 +38,7 @@ MOST_TILES = 1 << 18  # most tiles that are considered for an overview
 
 @dataclass(frozen=True)
 class Overview:
-    """A part of a scene that was read first, and the water in it."""
+    """Tiles spread over a scene, or all its tiles, that are read before a fit; and the rule of the water in them."""
 
     tiles: tuple[Tile, ...]  # tiles that were read and hold valid pixels
     bands: tuple[int, ...]  # 0-based scene bands that the masks use (visible and NIR), in ascending order
@@ -47,8 +47,8 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Yield overviews of larger and larger parts of a scene, at last of the whole. If `wanted`, water is searched for
-    in each, and parts with few valid pixels (`LEAST_VALID`), not the whole, are skipped.
+    """Yield overviews of larger and larger parts of a scene; the last is of the whole scene. If `wanted` is True, water
+    is searched for in each, and parts with few valid pixels (`LEAST_VALID`) are skipped, except the whole scene.
     Raises NoWaterError if a scene of more than `MOST_OVERVIEW` pixels has no valid pixel in the 0-based band `nir`.
     """
     roles, bands = roles_of(scene, nir)
@@ -117,7 +117,7 @@ def overview_of(scene: Scene, nir: int, threads: int) -> Overview:
 
 
 def raster_of(scene: Scene) -> RasterSource:
-    """The scene's source, known to be a `RasterSource` (not checked), which has all properties of the file."""
+    """The source of a scene as a `RasterSource`, which has all properties of the file; its type is not checked."""
     return cast(RasterSource, scene.source)
 
 

@@ -27,9 +27,9 @@ class Recipe:
     nir : tuple of str
         NIR bands by name or 1-based number (a single one also without a tuple); determined automatically if empty.
     nir_use : {"auto", "mean", "best", "set"}
-        Reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains it
-        best; "set", the NIR band taken at the same time. "auto" is "set" if `nir` is empty and the sensor takes its
-        bands in sets at different times, each with a NIR; else "mean". For "mean" and "best", wiener uses the first.
+        Which of several NIR bands predict the glint of a band: "mean", their mean; "best", the one that explains the
+        band best; "set", the one taken at the same time. For "mean" and "best", method wiener uses the first. "auto" is
+        "set" if `nir` is empty and the sensor takes its bands in sets at different times, each with a NIR; else "mean".
     bands : tuple of str
         Bands to correct, by name or 1-based number; if empty, all bands with a shorter wavelength than the NIR band of
         the longest wavelength (if no band but the NIR has a wavelength, all bands but the NIR).
@@ -42,13 +42,13 @@ class Recipe:
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
-        Percentile of the glint index that is its level, the glint-free NIR [%]. With 0, it is 5 % for method multiband
-        and the minimum for method hedley; other methods do not use it.
+        Percentile [%] of the NIR (method hedley) or of the prediction from longer bands (multiband) that is its level,
+        the glint-free value. With 0, it is 5 % for multiband and the minimum for hedley. Other methods refuse it.
     rrs_factor : float
         Ratio of the physical values to remote-sensing reflectance [sr]; pi for reflectance.
     compensate : str
-        "auto" (with method "auto", that of the candidate with the least expected error; else none), "thesis",
-        "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
+        "off" (no stages), "auto" (those of the chosen candidate if `method` is "auto", else none), "thesis", or a chain
+        such as "identify-level:13, replace-level, remove"; see `STAGES` and `THESIS_CHAIN` in `deglint.compensate`.
     smallest_object : str
         Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m (16 pixels for unknown pixel sizes).
     """

@@ -70,9 +70,9 @@ class Training:
 
 
 def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Callable[[Tile], Training]:
-    """Make a function that reads a tile with a halo as a `Training`. If the recipe has the sample "auto", the sample of
-    the tile is its water away from shores. Else it is the sample of the recipe; then, the water of the tile is also
-    this sample and, if `with_water`, the water that is found.
+    """Make a function that reads a tile with a halo as a `Training`. If `Recipe.sample` is "auto", the sample of the
+    tile is its water away from shores. Else the sample is the area that the recipe selects; this area then counts as
+    the water of the tile, together with the water that is found if `with_water` is True.
     """
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
     rule = job.overview.water if sampler is None or with_water else None
@@ -113,7 +113,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, kinds: SquareKinds) -> Strips:
-    """Map the detector strips with opposite band delays; `kinds` returns places and kinds of the squares of a tile."""
+    """Map the detector strips with opposite band delays in the scene; `kinds` classifies the squares of a tile."""
     read, (_bands, height, width) = training_reader(job), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
@@ -186,7 +186,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit chain `text` and `method` to training tiles; describe the sample. For "off", the method is `wiener`."""
+    """Fit chain `text` and `method` to training tiles; return chain, model, `Sampled`. For "off", fit only `wiener`."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model
@@ -231,7 +231,7 @@ def _part_of(found: Training, scene: Scene) -> Training:
 
 
 def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
-    """Fit a pointwise method (no neighbouring pixels) to the sample; also return its `Sampled` and log lines."""
+    """Fit a pointwise method (no neighbouring pixels) to the sample; return the model, its `Sampled` and log lines."""
     sampler = job.sampler or sampler_of(job)
     pixels = sum(tile.pixels for tile in sampler.tiles)
     if sampler.bounds:  # count pixels of the window around the sample, not of whole tiles
