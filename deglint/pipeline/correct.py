@@ -1,4 +1,7 @@
-"""Correct a scene tile by tile: corrected values, flags, counts of pixels, amounts of glint and standard errors."""
+"""Correct a scene tile by tile: corrected values, flags, counts of pixels, amounts of glint and standard errors.
+
+A compensation is a chain: stages before the removal of glint, the removal, and stages after the removal.
+"""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -110,7 +113,7 @@ class Correction:
         return self._corrected(block).physical, block.where
 
     def _corrected(self, block: Block) -> Corrected:
-        """Correct a tile: subtract the glint that the model predicts, or apply the chain, which has a removal."""
+        """Correct a tile: apply the chain with its removal; if it has no stages, only subtract the predicted glint."""
         if not (self.changed and block.where.any()):
             return Corrected(block.own)
         done = Corrected(block.own) if self.chain.runs else self._without_glint(block)
@@ -132,7 +135,7 @@ class Correction:
         return Block(tile, outer, raw[place], own_valid, wide, water, known, known & water[place])
 
     def training(self, tile: Tile) -> Training:
-        """Read a tile as a training tile, without correcting it; all of its water belongs to the sample."""
+        """Read a tile, uncorrected, as training data for a fit; all water of the tile belongs to the sample."""
         block = self._read(tile)
         return Training(tile, block.outer, block.wide, block.water, np.ones(tile.shape, np.bool_))
 
@@ -145,9 +148,7 @@ class Correction:
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
     def _saturated(self, physical: FloatArray) -> Mask:
-        """Mask (band, row, column) of saturated pixels; False in bands whose limit of saturation is not known.
-        If no limit is known, its shape is (band, 1, 1).
-        """
+        """Mask (band, row, column) of saturated pixels, False in bands without a limit; (band, 1, 1) if all lack it."""
         source = raster_of(self.scene)
         limits = np.array([b.saturation for b in self.scene.bands], np.float64)  # None becomes NaN: no value exceeds it
         if np.isnan(limits).all():
@@ -169,7 +170,7 @@ class Correction:
 
     def _after_chain(self, block: Block, done: Corrected) -> Corrected:
         """Apply the chain to a tile, cell by cell, and compute standard errors if they are wanted.
-        If the chain has no stages, the values of `done` are kept, and only the standard errors are added.
+        If the chain has no stages, `done` is the tile after the removal, and only the standard errors are added.
         """
         removed, shape = {f.band for f in self.model.fits}, block.tile.shape
         physical = done.physical.copy() if self.chain.runs else done.physical  # the chain's cells are written into it
@@ -209,7 +210,7 @@ class Correction:
         return np.where(known, out, np.nan)[list(self.changed)].astype(np.float32)
 
     def _encoded(self, block: Block, done: Corrected) -> tuple[Raw, Mask, Mask]:
-        """All bands as numbers for the file, and masks of negative and of clipped values, (band, row, column) each."""
+        """File values of the output, mask of negative values and mask of clipped values, each (band, row, column)."""
         info, layout = raster_of(self.scene).info, self.layout
         raw, clipped = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         negative = np.zeros(raw.shape, np.bool_)
@@ -249,7 +250,6 @@ def correction(
 
     `mask` and `dtype` replace the mask of the recipe and the data type of the scene. Noise and standard errors that the
     outputs `targets` need are estimated on `threads` threads.
-
     Raises the errors of `open_area` and, for standard errors, of `_with_stderr`; InputError if the scene lacks a band
     of the recipe; ReadError if tiles cannot be read.
     """
@@ -283,8 +283,8 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """The correction `work`, set to compute standard errors, too. Raises InputError if no band is corrected,
-    or if the stages of the chain allow no standard errors; FitError if the tiles that are read hold none to correct.
+    """Copy of `work` that also computes standard errors. Raises InputError if no band is corrected, or if the stages of
+    the chain allow no standard errors; FitError if the tiles that are read have no pixel to correct.
     """
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
@@ -309,9 +309,9 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
 
 
 def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
-    """Discs (band, row, column) to add to each block of `after`, a compensated sample. They are as wide as the smallest
-    object that is kept by default, at most `LARGEST_DISC`. If the opening of the chain removes objects of this width,
-    the discs are as wide as the smallest object that the opening keeps.
+    """For each block of the compensated sample `after`, an image of discs (band, row, column) to add to it. Discs are
+    as wide as the smallest object that is kept by default, at most `LARGEST_DISC`; but not narrower than the smallest
+    object that the morphological opening in the chain keeps.
     """
     window = next(s.size for s in work.chain.before if isinstance(s, compensate.Background))
     width = max(min(smallest_object(None, pixel_size(work.scene)), LARGEST_DISC), window / OF_OBJECT)
@@ -321,7 +321,7 @@ def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
-    """The correction `work` with its field `noise`: noise of corrected pixels and of rounding to integers."""
+    """Copy of `work` with the field `noise`, estimated from corrected pixels; rounding to integers is included."""
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.values, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
     own = []

@@ -67,7 +67,7 @@ _ANGLE_TAGS = {
 def tile_flags(
     block: Block, done: Corrected, *, saturated: Mask, negative: Mask, clipped: Mask
 ) -> npt.NDArray[np.uint8]:
-    """Flags of a corrected tile, (row, column), from `FLAGS`; the keyword arguments are masks (band, row, column)."""
+    """Flags of a corrected tile, (row, column): sums of bits of `FLAGS`. The keywords are masks (band, row, column)."""
     flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
     flags[block.where] = CORRECTED if done.changes else 0
     if done.replaced is not None:
@@ -85,9 +85,9 @@ def counted(
 ) -> PixelCounts:
     """Count the pixels of a tile.
 
-    In `flags` (row, column), the pixels that are nodata, not water, corrected or protected are counted; in `classes`
-    (row, column), unless it is None, those of each class of sun glint. For each band, the changed, the replaced and the
-    `marked` pixels are counted; the keys of `marked` are fields of the result, its values masks (band, row, column).
+    `flags` (row, column) gives the numbers of nodata, not water, corrected and protected pixels; `classes` (row,
+    column), unless it is None, gives the number of each class of sun glint. Changed, replaced and `marked` pixels are
+    counted for each band; the keys of `marked` are fields of the result, its values are masks (band, row, column).
     """
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
@@ -130,9 +130,9 @@ def glint_numbers(counts: PixelCounts, noise: Mapping[str, float]) -> dict[str, 
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
     """Layout of the corrected image; its type is `dtype`, by default the scene's. `options`: GDAL creation options.
 
-    The image has the nodata value of the first input band that has one. If its type cannot hold this value, a float
-    image gets NaN instead, and an integer image a mask. The image also gets a mask if the input has one, or if floats
-    without nodata become integers.
+    The image has the nodata value of the first input band that has one. If the type of the image cannot hold this
+    value, a float image gets NaN as nodata, and an integer image gets a mask. The image also gets a mask if the input
+    has one, or if floats without nodata become integers.
     """
     source, bands = raster_of(scene), tuple(range(len(scene.bands)))
     info, out = source.info, np.dtype(dtype or source.info.dtype)
@@ -189,10 +189,10 @@ def sky_glint(scene: Scene) -> SkyGlint:
     .. math:: \rho = \pi L / (E_{sun} + E_{sky})
 
     L is the reflected sky radiance; E_sun and E_sky are the irradiances by sun and sky (Gregg and Carder 1990).
-    L / E_sky is from `physics.sky.reflectance`. The result has the `reflectance` of each band of 300 to 1000 nm by name
-    [1]; its `range`, the lowest and the highest value over three sky models, `VISIBILITIES` and, if the scene states no
-    usable wind, `SKY_WINDS`; and the assumptions. If the scene does not state the angles of sun and sensor, or has no
-    such band, the result is None, and a line is logged.
+    L / E_sky is from `physics.sky.reflectance`. The result is a dictionary: `reflectance` [1] of each band of 300 to
+    1000 nm by name; `range`, its lowest and highest value over three sky models, `VISIBILITIES` and, if the scene
+    states no usable wind, `SKY_WINDS`; and the assumptions. If the scene does not state the angles of sun and sensor,
+    or has no such band, the result is None, and a line is logged.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     angles = {k: a for k, names in _ANGLE_TAGS.items() if (a := _angle(tags, *names, zenith="zenith" in k)) is not None}

@@ -1,4 +1,4 @@
-"""Outputs of a run: their paths, the result, the sidecar and its log lines, and saved fits."""
+"""Outputs of a run: paths of the files, the `Result`, the content of the sidecar, log lines, and saved fits."""
 
 import json
 import platform
@@ -152,7 +152,7 @@ def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
 def sidecar(
     scene: Scene, fitted: Fitted, targets: Outputs, counts: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
-    """Content of the sidecar, as nested dictionaries; `seconds` is the duration of the run."""
+    """Content of the sidecar, as nested dictionaries; `checksum`: of the input; `seconds`: duration of the run."""
     by_band = partial(counts.by_band, names=scene.names)
     return {
         "deglint": __version__,
@@ -219,7 +219,7 @@ def versions() -> dict[str, str]:
 
 
 def _doubts(scene: Scene, counts: PixelCounts) -> list[str]:
-    """Warnings: bands that are not registered; numbers of pixels per band below zero, or clipped to integers."""
+    """Warnings about bands that are not registered, and about pixels of a band below zero or clipped to integers."""
     said = [note for note in scene.notes if note == UNREGISTERED]
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
         if bands := ", ".join(f"{name} {n}" for name, n in counts.by_band(kind, scene.names).items() if n):

@@ -63,13 +63,13 @@ def remove_glint(
     source : path or sequence of paths
         GDAL name(s) of the input, as `deglint.open_scene` takes them.
     image : path or Outputs
-        Path of the corrected image, a local GeoTIFF; or all outputs. The sidecar, `image`.json, is written beside it.
+        Path of the corrected image (a local GeoTIFF), or all outputs. The sidecar is written beside it as `image`.json.
     recipe : Recipe, optional
         Options; by default everything is determined automatically.
     model : GlintModel, optional
         Apply this model instead of fitting one. If a compensation was saved with it, give that as `chain`.
     threads, cluster : int and Cluster, optional
-        Threads, by default all processors; or workers (`deglint.cluster.connect`) with the same result.
+        Number of threads, by default one per processor; or a cluster (`deglint.cluster.connect`), with the same result.
     progress : callable, optional
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     **options
@@ -126,7 +126,7 @@ class Run:
 
 
 def check_outputs(source: object, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
-    """Return the scene's files. Raises InputError or WriteError if an output cannot be written or is also an input."""
+    """Return the files of `source`. Raises InputError or WriteError if an output is an input or cannot be written."""
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
@@ -142,7 +142,7 @@ def check_outputs(source: object, recipe: Recipe, sensor: str | Path | None, tar
 def prepare(
     scene: Scene, recipe: Recipe, targets: Outputs, run: Run, model: GlintModel | None, chain: Chain | None
 ) -> tuple[Fitted, Correction]:
-    """Fit a recipe to a scene, or take a given model and its chain; also make the correction for all outputs.
+    """Fit a recipe to a scene, or use a given model and its chain. Return the fit and the correction of the scene.
 
     Raises the errors of `fit_scene`, `given_model` and `correction`; InputError if there is no sample to write.
     """
@@ -162,7 +162,7 @@ def prepare(
 
 
 def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, checksum: Checksum, run: Run) -> Result:
-    """Correct a scene; write all `targets`. Raises NoWaterError if the model has bands, but no pixel is corrected."""
+    """Correct a scene; write all `targets`. Raises NoWaterError if a band is to be corrected, but no pixel is."""
     scene = work.scene
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:

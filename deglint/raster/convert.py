@@ -28,10 +28,10 @@ def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
 
 
 def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets: Sequence[float]) -> FloatArray:
-    """Convert file values to physical values: raw * scale + offset, or NaN where not valid or not finite.
+    """Convert file values to physical values: raw * scale + offset, or NaN where a value is not valid or not finite.
 
     Arrays are (band, row, column); `valid` is None if all values are valid. `scales` and `offsets` have one entry per
-    band. In float files, the largest float32 or float64 is not valid either. The result has the type `physical_dtype`.
+    band. In float files, the largest float32 or float64 counts as nodata. The result has the type `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
     for band, (numbers, values) in enumerate(zip(raw, out, strict=True)):
@@ -88,7 +88,7 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 
 def retype(raw: Raw, dtype: np.dtype[Any]) -> tuple[Raw, Valid | None]:
-    """Convert file values to another type; return them and a mask of clipped finite values, or None if all fit.
+    """Convert file values to another type. Return the new values, and a mask of clipped finite values (None: all fit).
 
     Values for an integer type are rounded to the nearest integer and clipped to its range; NaN and infinity become 0.
     """
@@ -113,11 +113,11 @@ def encode(
     """Convert the physical values of a band to file values, and write these into `raw`, in place.
 
     raw = (values - offset) / scale; arrays are (row, column). Integers are rounded to nearest (ties to even) and
-    clipped to the range of the type. A result that equals `nodata` is moved to the next number. `raw` does not change
-    where `values` is not finite or `where` is False.
+    clipped to the range of the type. A result that equals `nodata` is moved to an adjacent number. `raw` does not
+    change where `values` is not finite or `where` is False.
 
-    Returns two masks, True where a physical value is negative, and True where a value was clipped, or moved because an
-    integer equalled `nodata`.
+    Returns two masks. The first is True where a physical value is negative; the second where a value was clipped, or
+    an integer was moved.
     """
     wide = np.float64 if offset != 0 and raw.dtype.kind in "iu" else physical_dtype(raw.dtype)
     numbers = values.astype(np.result_type(values, wide))  # in float32 an offset of 1000 rounds ties of integers
@@ -135,7 +135,7 @@ def encode(
 
 
 def _moved(stored: Raw, good: Valid, nodata: float | None) -> Valid:
-    """Move values that equal `nodata` where `good` to the next number, in place; return the mask of moved integers."""
+    """Move `good` values that equal `nodata` to an adjacent number, in place; return the mask of moved integers."""
     if nodata is None or not np.isfinite(nodata) or not holds(stored.dtype, nodata):
         return np.zeros(stored.shape, np.bool_)
     number = stored.dtype.type(nodata)
@@ -150,11 +150,11 @@ def _moved(stored: Raw, good: Valid, nodata: float | None) -> Valid:
 def relaid(raw: Raw, valid: Valid | None, own: Nodatas, dtype: str, nodata: float | None) -> tuple[Raw, Valid]:
     """Convert file values to the type `dtype` and the `nodata` of an output.
 
-    In integer types, NaN and infinity become `nodata`, or 0 if it is None. A valid value that equals `nodata` is moved
-    to the next number; but in a band without nodata in `own`, only where all bands are valid. Returns the new values,
-    and the mask of valid values that were clipped, or moved in an integer type. If nothing changes, `raw` itself is
-    returned. Arrays are (band, row, column). `valid` is the mask of valid values, None if all are valid. `own` has the
-    nodata value of each band of `raw`.
+    Arrays are (band, row, column). `valid` is the mask of valid values, None if all are valid. `own` has the nodata
+    value of each band of `raw`; these values become `nodata`, unless it is None. In integer types, NaN and infinity
+    become `nodata`, or 0 if it is None. A valid value that equals `nodata` is moved to an adjacent number; in a band
+    without nodata, this is done only in pixels that are valid in all bands. Returns the new values (`raw` itself if
+    nothing changes), and the mask of valid values that were clipped, or moved in an integer type.
     """
     to = np.dtype(dtype)
     if raw.dtype == to and (nodata is None or all(same_nodata(n, nodata) for n in own)):

@@ -75,7 +75,7 @@ def check_size(dataset: Any, path: str) -> None:
 
 
 def limit(name: str) -> int:
-    """Value of the environment variable `name`, by default that of `READ_LIMITS`. Raises InputError if not above 0."""
+    """Value of the environment variable `name`; `READ_LIMITS` has the default. Raises InputError if it is below 1."""
     text = os.environ.get(name) or str(READ_LIMITS[name])
     try:
         value = int(float(text))

@@ -73,10 +73,10 @@ class Layout:
     def block(self) -> tuple[int, int]:
         """Rows and columns of a block of the output file [pixel].
 
-        The two sides are found separately. A side of a tiled input's blocks is kept if it is a multiple of 16 from 64
-        to 1024 and fits `tile`: it divides the side of `tile`, or `tile` covers the image. Otherwise, if `tile` covers
-        the image, the side is the smallest of `_SIDES` that covers it, too (512 if none does); if `tile` does not cover
-        the image, the side is the largest of `_SIDES` that divides that of `tile` (16 if none does).
+        Each side is chosen separately. If the input is tiled, the side of its blocks is used, provided that it is a
+        multiple of 16 from 64 to 1024, and that it divides the side of `tile` or `tile` spans the image. Otherwise, if
+        `tile` spans the image, the smallest of `_SIDES` that spans the image is used (512 if none does); if not, the
+        largest of `_SIDES` that divides the side of `tile` (16 if none does).
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         sizes = self.info.height, self.info.width
@@ -85,7 +85,7 @@ class Layout:
 
 
 def _block_side(tile: int, size: int, own: int) -> int:
-    """Side of a block as in `Layout.block`, from those of tile, image (`size`) and input block (`own`) [pixel]."""
+    """Output block side, see `Layout.block`; `tile`, `size`, `own`: sides of tile, image and input block [pixel]."""
     whole = tile >= size  # the tile spans the image, so that a block of any size is written once
     if own % 16 == 0 and 64 <= own <= 1024 and (whole or tile % own == 0):
         return own
@@ -150,7 +150,7 @@ class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
 
 @contextlib.contextmanager
 def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
-    """Raise InputError if an option is in `_REFUSED`, or, at the end of the `with` block, if GDAL warned of one."""
+    """Raise InputError for an option in `_REFUSED` and, after the `with` block, for an option that GDAL warned of."""
     if wrong := [name for name in options if name.lower() in _REFUSED]:
         raise InputError(f"cannot write {target} with these options: {wrong[0]} is not for --co. Leave it out.")
     said: list[str] = []
@@ -172,7 +172,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path, *, sparse: bool) -> None:
-    """Check 4 blocks per band of the file `path`; raise WriteError if one is cut off or, unless `sparse`, missing."""
+    """Raise WriteError if any of 4 blocks per band of `path` is cut off or missing; `sparse` permits missing blocks."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
@@ -245,7 +245,7 @@ def add_overviews(path: Path, options: Mapping[str, object], *, average: bool) -
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Open a writer for each of `images` (target, layout) in a `with` block; also write a file .aux.xml for flags."""
+    """Open a writer for each (target, layout) of `images`; yield the writers by key. Flags also get a file .aux.xml."""
     for target, layout in images.values():
         if layout.flags:
             write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))
@@ -270,7 +270,7 @@ def _categories(layout: Layout) -> str:
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:
-    """Write a text to a scratch file in UTF-8, which is renamed to `target` at the end of the `scratch` block."""
+    """Write a text, as UTF-8, to a scratch file that is renamed to `target` at the end of the `scratch` block."""
     write_bytes(scratch, target, text.encode())
 
 
@@ -286,7 +286,7 @@ def write_json(scratch: Scratch, target: Path, data: object) -> None:
 
 
 def plain(value: object) -> Any:
-    """Convert a value (also a dict, list or array) to JSON types; NaN and infinity become None, other objects text."""
+    """Convert a value, dict, list or array to JSON types: NaN and infinity become None, other objects become text."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):

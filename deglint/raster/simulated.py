@@ -62,7 +62,7 @@ def write_scene(
 
 
 def planned_files(stem: str | Path, setup: "Setup", *, surface: bool = False) -> dict[Path, int]:
-    """Uncompressed size [byte] of each file of `write_scene` (JSON: 0); with `surface`, also of height and slopes."""
+    """Uncompressed size [byte] of each file of `write_scene` (0 for JSON); `surface` adds sea height and slopes."""
     base, count, pixels = _base(stem), len(setup.sensor.bands), math.prod(setup.size)
     sizes = {"": 2 * count, "_truth": 4 * count, "_truth_water": 4 * count, "_truth_noisy": 2 * count}
     sizes |= {"_glint": 4 * count, "_glint_mask": count, "_objects": 2}
@@ -158,7 +158,7 @@ def describe(scene: "SimulatedScene", files: Mapping[str, str]) -> dict[str, obj
 def check_plan(
     targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
-    """Raise InputError unless all names of outputs end in one of `kinds` (".png", ...); then call `check_targets`."""
+    """Call `check_targets`. Raises InputError if one of `targets` has none of the endings `kinds` (".png", ...)."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")

@@ -48,7 +48,7 @@ class FileBands:
         )
 
     def declared(self, nodatas: tuple[float | None, ...]) -> Self:
-        """A copy with these nodata values, one per band; if all are the same number, resampling (`warp`) ignores it."""
+        """A copy with these nodata values, one per band; if all are the same, resampling (`warp`) excludes them."""
         if self.warp is None or nodatas[0] is None or not all(same_nodata(nodatas[0], n) for n in nodatas):
             return replace(self, nodatas=nodatas)
         warp = {**self.warp, "add_alpha": False, "src_nodata": nodatas[0], "nodata": nodatas[0]}
@@ -112,7 +112,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
 
         Values have the type of the file, or the smallest type that can hold all bands. The mask follows from nodata,
         mask and alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity count as valid
-        here, even if nodata is NaN; `to_physical` makes them NaN. A `FlatField` is corrected. Errors are as in `read`.
+        here, even if nodata is NaN; `to_physical` makes them NaN. A `FlatField` is applied. Errors are as in `read`.
         """
         return self._read(window, range(self.info.count))
 

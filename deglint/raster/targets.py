@@ -89,8 +89,8 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
     """Raise InputError or WriteError, before anything is written, if an output cannot or may not be written.
 
     Outputs must be different files, and none may have the name of a file that GDAL reads with another output or an
-    input (`COMPANIONS`). `reads` has all input names by role; names that are not files ("auto") are skipped. Files that
-    are read for them (`files_behind`) are never replaced; other existing files only if `overwrite` is True.
+    input (`COMPANIONS`). `reads` has all input names by role; names that are not files ("auto") are skipped. Inputs and
+    the files that belong to them (`files_behind`) are never replaced; other files only if `overwrite` is True.
     """
     taken: set[tuple[int, int] | str] = set()
     for target in targets:
@@ -103,7 +103,7 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
 
 
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
-    """Raise InputError if an output would replace an input file, or be read as a part (.aux.xml) of another file."""
+    """Raise InputError if an output would replace or delete an input file, or be read as a part of another file."""
     held: dict[tuple[int, int] | str, str] = {}
     beside = {identity(companion): str(target) for target in targets for companion in _companions(target)}
     for what, names in reads.items():
@@ -187,7 +187,7 @@ class Scratch(contextlib.AbstractContextManager["Scratch"]):
             _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
-        """Rename every scratch file to its target. After an error, undo this; raise it, an OSError as WriteError."""
+        """Rename all scratch files to their targets; undo this after an error. OSError is raised as WriteError."""
         made = next((target for target in self._files if os.path.lexists(target)), None)
         if made is not None and not self._overwrite:
             raise WriteError(f"{made} was made by another run meanwhile, and stays. Give --overwrite to replace it.")
@@ -220,7 +220,7 @@ class Scratch(contextlib.AbstractContextManager["Scratch"]):
 
 
 def make_directory(directory: Path, *, parents: bool = False) -> None:
-    """Create a directory for outputs if it is missing. Raises WriteError if that fails."""
+    """Create a missing directory for outputs; with `parents`, its parents, too. Raises WriteError if that fails."""
     try:
         directory.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
@@ -280,7 +280,7 @@ def _discard(*paths: Path) -> None:
 
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Convert errors while a `with` block writes `target`: of GDAL or disk to WriteError, of options to InputError."""
+    """In a `with` block that writes `target`, raise errors of GDAL or disk as WriteError, of options as InputError."""
     try:
         yield
     except WriteError:
