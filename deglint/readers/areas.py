@@ -79,11 +79,11 @@ def _in_raster(source: RasterSource, window: Window) -> Mask:
 
 
 def open_area(text: str, scene: Scene, option: str) -> Area:
-    """The area that a user gives as `text`: the name of a GeoJSON file or mask raster (0: outside), or a window.
+    """The area that a user gives as `text`: a GeoJSON file, a mask raster (0 outside the area) or a window.
 
-    A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. Messages name the option `option`.
-    Raises ReadError if a file cannot be read. Raises InputError if `text` is not valid, if the area lies off the scene,
-    or if it contains no pixel of the scene (for the option --mask, the last is a NoWaterError).
+    A window is "column,row,width,height" [pixel], as in -srcwin of gdal_translate. Error messages name the option
+    `option`. Raises ReadError if a file cannot be read, and InputError if `text` is not valid or the area lies outside
+    the scene. If the area contains no pixel, raises NoWaterError for the option "--mask", and InputError for others.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -113,11 +113,11 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
-    """The area of the polygons in the GeoJSON file `name`, which holds `document`.
+    """The area of the polygons in `document`, which is the content of the GeoJSON file `name`.
 
-    The member `crs` of the document names the CRS of the coordinates. Without it, they are longitude and latitude (RFC
-    7946), or in the scene's CRS if an |x| exceeds 360 or a |y| exceeds 90. If the scene has no CRS, they are its map
-    coordinates (pixels if it has no transform). Raises InputError if no polygon exists, or one is not valid.
+    The member `crs` of `document` names the CRS of the coordinates. Without `crs`, they are longitude and latitude (RFC
+    7946), or in the scene's CRS if an |x| exceeds 360 or a |y| exceeds 90. If the scene has no CRS, they are map
+    coordinates of the scene (pixels without a transform). Raises InputError if there is no polygon, or an invalid one.
     """
     from rasterio.warp import transform_geom
 
@@ -201,7 +201,7 @@ def _polygons(document: object, name: str) -> Iterator[dict[str, Any]]:
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
-    """The CRS that the GeoJSON file `name` states; by default longitude, latitude. InputError if the CRS is unknown."""
+    """The CRS that GeoJSON file `name` states, else longitude and latitude. Raises InputError if the CRS is unknown."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
@@ -231,7 +231,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
 
 
 def middle_of(path: str) -> tuple[float, float]:
-    """Latitude, longitude [degree] of the centre of a raster or GeoJSON bounding box. InputError if it is not known."""
+    """Latitude, longitude [degree] of the centre of a raster or of a GeoJSON's bounds. Raises InputError if unknown."""
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):

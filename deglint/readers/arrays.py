@@ -54,7 +54,7 @@ class ArrayScene:
         return found
 
     def plane(self, values: Any, name: str) -> "DataArray":
-        """A DataArray called `name` with `values` (row, column); of the attributes, only georeferencing is kept."""
+        """A DataArray called `name` with `values` (row, column); its only attributes are those for georeferencing."""
         out = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True).copy(data=values)
         out.name = name
         out.attrs = {k: v for k, v in out.attrs.items() if k in ("grid_mapping", "crs", "transform", "resolution")}
@@ -94,7 +94,7 @@ def open_array(array: "DataArray", *, sensor: str | None = None, nodata: float |
 
 
 def axes(array: "DataArray") -> tuple[Hashable, Hashable, Hashable]:
-    """Names of the dimensions of rows, columns and bands (None: no bands). InputError without rows or columns."""
+    """Names of the row, column and band dimensions (None: no bands). InputError if rows or columns are not found."""
     known = {str(d).lower(): d for d in array.dims}
     rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
     said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))
@@ -140,8 +140,8 @@ def _info(array: "DataArray", values: Any, band: Hashable, rows: Hashable, colum
 def _lists(array: "DataArray", band: Hashable, count: int) -> dict[Any, list[Any]]:
     """Attributes that are lists with one entry per band, reduced to the entries of the `count` bands in the array.
 
-    `band` is the name of the dimension of bands, or None. When bands are selected in xarray, such lists still have the
-    entries of all bands. If the bands are numbered from 1, as rioxarray does, these numbers select the entries.
+    `band` is the name of the band dimension, or None. If a user selects bands in xarray, such lists still have the
+    entries of all bands. If the band coordinate has numbers from 1, as in rioxarray, they select the entries.
     """
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
@@ -214,9 +214,9 @@ def _crs(array: "DataArray", grid: Mapping[str, Any]) -> Any:
 def _transform(array: "DataArray", grid: Mapping[str, Any], rows: Hashable, columns: Hashable) -> Affine | None:
     """Affine transform of an array, from its coordinates along the dimensions called `rows` and `columns`.
 
-    If `grid` (the attributes of the grid mapping) or the array declares a transform that agrees with the coordinates,
-    it is used, as its numbers are exact. It is also used if there are no coordinates. None if there is neither. Raises
-    InputError if coordinates are not evenly spaced.
+    A transform that `grid` (the attributes of the grid mapping) or the array declares is returned if it agrees with the
+    coordinates, as its numbers are exact, or if there are no coordinates. The result is None if the array has neither
+    a transform nor coordinates. Raises InputError if the coordinates are not evenly spaced.
     """
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None

@@ -100,7 +100,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Derive missing wavelengths from codes, letters or colours in names, except `unnamed`; return bands and notes."""
+    """Derive missing wavelengths from codes, letters or colours in names, not for `unnamed`; return bands and notes."""
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     filled = []
     for i, (band, letter) in enumerate(zip(bands, spectral.letter_wavelengths([b.name for b in bands]), strict=True)):
@@ -124,8 +124,8 @@ def nominal_pixel(scene: Scene) -> float | None:
 def _dialect(names: Sequence[str]) -> Sensor | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Codes like B02 (with zero), B8A or B12 identify Sentinel-2. So do 3 or more codes with B8 and without B5: in Landsat
-    8, B8 is the panchromatic band and B5 the NIR. SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
+    Codes like B02 (with zero), B8A or B12 identify Sentinel-2. 3 or more codes that include B8 but not B5 do so, too:
+    in Landsat 8, B8 is panchromatic, and B5 is the NIR. SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
     """
     plain = [sensors.normalise(n) for n in names]
     codes = {c for n in names if (c := spectral.band_code(n))}
@@ -138,7 +138,7 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """Unique names of bands (description, file name or colour, else "band N"), and `unnamed` as in `apply_sensor`."""
+    """Unique band names (description, else file name, colour or "band N"), and `unnamed` as in `apply_sensor`."""
     names, unnamed = [], set()
     for i, (stated, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]
@@ -181,7 +181,7 @@ def short_names(stems: Sequence[str]) -> list[str]:
 
 
 def apply_sensor(bands: Sequence[Band], sensor: Sensor, unnamed: Collection[int] = ()) -> tuple[list[Band], list[str]]:
-    """Add missing wavelengths, widths, time offsets and groups of bands from a preset; return the bands, and notes.
+    """Add missing wavelengths, widths, time offsets and groups (see `Band`) from a preset; return bands and notes.
 
     `unnamed`: 0-based indexes of bands not named, or only numbered; they get the preset's names. Errors as in `match`.
     """

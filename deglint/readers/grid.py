@@ -1,7 +1,7 @@
 """Put several files on one grid of pixels, and compute the size of pixels on the ground.
 
 The common grid is that of the file with the smallest pixels, or of a selected file. When a window of another file is
-read, GDAL resamples it to this grid: bilinearly, or by averaging if its pixels are smaller. Its data type is kept.
+read, GDAL resamples it to this grid: bilinearly, or by averaging if its pixels are smaller. Data types do not change.
 """
 
 import math
@@ -92,10 +92,10 @@ def _transform(info: RasterInfo | Scene) -> Affine:
 
 
 def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
-    """Whether the bounds of two files overlap in the CRS of `reference`; InputError if they have no place in this CRS.
+    """Whether bounds of two files overlap in the CRS of `reference`. Raises InputError if they cannot be transformed.
 
-    If only `reference` is in degrees, longitudes that differ by 360 degrees are equal. If both files are in degrees,
-    such longitudes are not equal, because GDAL does not shift them when it resamples.
+    If only `reference` is in degrees, longitudes that differ by 360 degrees count as equal. If both files are in
+    degrees, such longitudes do not count as equal, because GDAL does not shift them when it resamples.
     """
     (left, bottom, right, top), (west, south, east, north) = (_bounds(i, reference) for i in (info, reference))
     degrees = [i.crs is not None and i.crs.is_geographic for i in (info, reference)]
@@ -215,8 +215,8 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> lis
 def ground_size(transform: Affine | None, crs: Any, height: int, width: int) -> tuple[float, float] | None:
     """Sides on the ground [m], along a row and a column, of the central pixel of a raster of `height` x `width` pixels.
 
-    They are distances on the ellipsoid: coordinates may be in degrees, and the metres of web Mercator are too long by
-    1 / cos(latitude). If a projection distorts by up to 1 %, its lengths are returned. None without CRS or transform.
+    They are distances on the ellipsoid: coordinates may be in degrees, and web Mercator multiplies lengths by
+    1 / cos(latitude). Lengths in the CRS are returned if they differ by up to 1 %. None without CRS or transform.
     """
     from rasterio.warp import transform as to_crs
 
@@ -254,7 +254,7 @@ def pixel_size(scene: Scene) -> float | None:
 
 
 def ground_area(transform: Affine | None, crs: Any, height: int, width: int) -> float | None:
-    """Area [m2] of the central pixel of a raster on the ground, also if pixels are not rectangles; None if unknown."""
+    """Area on the ground [m2] of a raster's central pixel, which may be a parallelogram; None if it is not known."""
     sides = ground_size(transform, crs, height, width)
     if sides is None or transform is None:
         return None

@@ -142,10 +142,10 @@ def _stacked(
 
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int) -> RasterInfo:
-    """Describe a file. Its alpha band becomes a band of the scene, or is left out, with a line in `notes`.
+    """Describe a file. Its alpha band becomes a band of the scene, or it is left out and a line is added to `notes`.
 
-    It becomes a band if the user selects it as `nir`, or if it is needed to reach the number of names or wavelengths
-    that the user gives (`count`, 0 if none) or the number of bands of a product of the preset `sensor`.
+    It becomes a band if the user selects it as `nir`, or if the file then has as many bands as the user gives names or
+    wavelengths (`count`, 0 if none), or as a product of the preset `sensor` has.
     """
     info = describe_file(path)
     if info.alpha is None:
@@ -163,8 +163,8 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
     """A copy of `info` with the nodata to use for each band.
 
-    If given, `nodata` is used for all bands; a text ("none") means no nodata. Else the file's nodata is kept, except in
-    a band whose type cannot hold it, which a line in `notes` reports. Raises InputError if a type cannot hold `nodata`.
+    A given `nodata` is used for all bands ("none": no nodata). Raises InputError if the type of a band cannot hold it.
+    If it is None, each band keeps its own nodata; if the type cannot hold that, it is removed, with a line in `notes`.
     """
     if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
         check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
@@ -201,7 +201,7 @@ def _given(given: BandProperties) -> Given:
 
 
 def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
-    """A copy of `info` with the properties `given`; InputError if a number of values does not fit the bands."""
+    """A copy of `info` with the properties `given`. Raises InputError if there are too many or too few values."""
     total, path = info.count, ", ".join(info.paths)
     every = {k: v * total if k in ("scale", "offset") and len(v) == 1 else v for k, v in given.items()}
     for option, values in every.items():

@@ -36,8 +36,8 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
     scene : Scene
     wanted : str, int or sequence, optional
         Bands by name or by 1-based number ("8A", 8, "NIR1,NIR2"), or by role ("nir", "swir"; see `band_roles`). By
-        default, the band nearest to 842 nm inside 750-900 nm; if there is none, that inside 900-1050 nm. A red-edge or
-        shortwave-infrared band is used only if it is selected.
+        default, the band nearest to 842 nm inside 750-900 nm; if there is none, the nearest inside 900-1050 nm. A
+        red-edge or shortwave-infrared band is used only if it is selected.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example of names for --bands: "nir" is the alpha band if `hidden`, else the first band of unknown wavelength."""
+    """Example of names for --bands, in which "nir" is the alpha band if `hidden`, else a band of unknown wavelength."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)

@@ -111,7 +111,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """Assets with the bands of a STAC Item (of the file or URL `path`): those in `keys`, else as in `list_scenes`."""
+    """Assets with the bands of a STAC Item (file or URL `path`): those in `keys`, else the default of `list_scenes`."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -134,7 +134,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets used by default, as in `list_scenes`. Raises InputError, which calls the Item `what`."""
+    """Keys of the assets used by default, as in `list_scenes`. Raises InputError if the Item `what` has no default."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     roles = {k: a["roles"] if isinstance(a.get("roles"), list) else [] for k, a in rasters.items()}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
@@ -165,11 +165,11 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 
 
 def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[dict[str, Any], ProductBand]]:
-    """What an Item states about each band of an asset, as a dict and a `ProductBand`; `file`: GDAL name of its file.
+    """For each band of an asset, what the Item states, as a dict and as a `ProductBand` of the file `file` (GDAL name).
 
-    It is read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
-    missing, `ProductBand.name` is `key`. If `applied`, the provider has applied the offset: the returned one is 0.
-    Keys of the dict have no prefix; its "gsd" is the size of a pixel [m], infinite if it is not stated.
+    Both are read from "bands" (STAC 1.1), or from the extensions "eo:bands" and "raster:bands". A `ProductBand` without
+    a stated name is named `key`. If `applied`, the provider has applied the offset, and the `ProductBand` has offset 0.
+    Keys of the dict have no prefix "eo:" or "raster:". Its "gsd" is the pixel size [m], infinite if it is not stated.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
@@ -262,7 +262,7 @@ def _scene_name(path: str) -> str:
 
 
 def checked_name(name: str, origin: str) -> str:
-    """Return a scene's name if it can be part of a file name; else raise InputError, which states its `origin`."""
+    """Return a scene's name if it can be in a file name; else raise InputError, which states the name's `origin`."""
     if not 0 < len(name) <= LONGEST_NAME or name.startswith(".") or re.search(r"[/\\\x00-\x1f\x7f]", name):
         raise InputError(
             f"{origin}: a scene is called {name!r}, of which no file name can be made. Allowed are 1 to "

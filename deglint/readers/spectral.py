@@ -103,7 +103,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A copy of `info` in which bands without wavelength, width or FULL_SCALE (saturation) get that of the file."""
+    """A copy of `info` where bands without wavelength, width or FULL_SCALE (saturation) get the values of the file."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
@@ -117,10 +117,10 @@ def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
 
 
 def saturation(info: RasterInfo, band: int) -> float | None:
-    """Physical value from which on a band is saturated; None if it is not known.
+    """Physical value from which on a band (0-based index `band`) is saturated; None if it is not known.
 
-    `band` is 0-based. The file value is read from the tag FULL_SCALE of the band or file. Without this tag, it is the
-    largest value of an integer type of up to 16 bits. None if it is nodata, or if the scale is not positive.
+    The file value is read from the tag FULL_SCALE of the band or file. Without this tag, it is the largest value of an
+    integer type of up to 16 bits. Returns None if this file value is nodata, or if the scale is not positive.
     """
     stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
     kind = np.dtype(info.dtypes[band])
@@ -155,7 +155,7 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 
 
 def nanometres(value: float, unit: str = "", most: float = _LARGEST_MICROMETRE) -> float | None:
-    """Convert a wavelength to nm. Values up to `most` without known unit are in um. None for wavenumber, index, GHz.
+    """Convert a wavelength to nm. Without known unit, values up to `most` are um. Returns None for wavenumber, GHz, ...
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers"), nanometres(4900, "Angstroms")
     (490.0, 490, 490.0, 490.0)

@@ -80,9 +80,9 @@ def settled(scene: Scene) -> Scene:
 def undeclared(scene: Scene) -> Undeclared:
     """Find undeclared nodata, an undeclared Sentinel-2 offset, and wavelengths of four bands if the last is unnamed.
 
-    With several bands, nodata is searched for if neither file nor caller declares it. It is a value that all bands have
-    in at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the image edge or contain
-    a square of `SOLID` x `SOLID` pixels, and that is not saturated. Findings are logged, and kept for later calls.
+    With several bands, nodata is searched for if neither file nor caller declares it. It is an unsaturated value that
+    all bands have in areas that reach the image edge or contain a square of `SOLID` x `SOLID` pixels. These areas have
+    at least 2 % of the pixels (0.1 % for values of 0 and below). Findings are logged, and kept for later calls.
     """
     source = scene.source
     if not isinstance(source, RasterSource):
@@ -125,9 +125,9 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(value: float, same: list[Alike], blocks: list[Block], scene: Scene, info: RasterInfo) -> Undeclared:
-    """Findings that `value` is nodata; none if the areas where all bands have it are small, or if it is saturated.
+    """Return `value` as nodata of the bands, or no finding if areas where all bands have it are small or saturated.
 
-    A band that also has this value in many pixels where other bands have other values gets no nodata.
+    A band gets no nodata if it also has `value` in many pixels where other bands have other values.
     """
     total = fill = areas = 0
     single, beside = np.zeros(info.count), []
@@ -189,7 +189,7 @@ def _four(scene: Scene) -> bool:
 
 
 def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """Add wavelengths of four bands to `found` if brightness and range of the values in `blocks` agree with `ORDER`."""
+    """Return `found`, with wavelengths of the four bands if the values in `blocks` agree with the order `ORDER`."""
     nodatas = found.nodatas or info.nodatas
     dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
     if not np.isfinite(dark).all():  # of a band without valid values
@@ -210,7 +210,7 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """If the values in `blocks` include Sentinel-2's offset, add it to `found`; if this is not certain, add a note."""
+    """Return `found`, with Sentinel-2's offset if values in `blocks` include it, or with a note if they may do so."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     waves = [b.wavelength or 0.0 for b in scene.bands]
     least = min(f for f, w in zip(floors, waves, strict=True) if w)
@@ -227,7 +227,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
 
 
 def _percentiles(blocks: list[Block], nodatas: Nodatas, percent: float) -> list[float]:
-    """Percentile `percent` of each band's valid file values, except where all bands are 0; infinite if none is left."""
+    """Percentile `percent` of each band's valid file values, where not all bands are 0; infinite if there are none."""
     out = []
     for band, nodata in enumerate(nodatas):
         values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])

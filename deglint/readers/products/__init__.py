@@ -40,7 +40,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files of the product that `path` stands for. Without one, call `describe`, and add XMP metadata."""
+    """Describe the files of the product `path`. If `path` is no product, call `describe`, and add its XMP metadata."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -137,9 +137,9 @@ def _first(container: Container) -> Product | None:
 
 
 def _of(family: ModuleType, container: Container) -> Product | None:
-    """The product of a family (a module of `PRODUCTS`) in a container, with names of the metadata files that were read.
+    """The product of a family (a module of `PRODUCTS`) in a container, or None. `texts` are the metadata files read.
 
-    Damaged metadata raise MetadataError; but if the user named an image, the result is None: it is opened as a raster.
+    If metadata are damaged, raises MetadataError; or returns None if the user named an image, to open it as a raster.
     """
     try:
         found = family.find(container)

@@ -1,7 +1,7 @@
 """Pleiades, Pleiades Neo, SPOT 6 and SPOT 7: metadata in DIM_*.XML (DIMAP 2), images opened by GDAL's DIMAP driver.
 
-The driver joins the tiles of an image, but does not report gains or the order of bands, which are in the XML. Radiance
-(in products of reflectance: reflectance) is DN / GAIN + BIAS, with the file value DN.
+The driver joins the tiles of an image, but does not report gains or the order of bands, which are in the XML. Radiance,
+or reflectance in products of reflectance, is DN / GAIN + BIAS, where DN is the file value.
 """
 
 import math
@@ -24,7 +24,7 @@ _PLEIADES_ORBIT = 694_000.0  # altitude of Pleiades and SPOT 6 and 7 [m]
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in `container`; if the user named a file in it, the product of this file; or None."""
+    """The multispectral product in `container`, or None; if the user named a file in it, the product of this file."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
     files, found = container.find(METADATA), []
     for member in [named] if named in files else files:

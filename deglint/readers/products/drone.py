@@ -43,8 +43,7 @@ _BLACK_LEVEL = 50714  # number of the DNG tag BlackLevel, which GDAL does not re
 def find(container: Container) -> Product | None:
     """The capture in a folder or archive: a set of images that a camera took at once, one file for each band.
 
-    Returns None if there is no capture, or if the user named a single file: `with_xmp` reads its metadata. Raises
-    InputError if there are several captures.
+    Returns None if there is none, or if the user named a single file (see `with_xmp`). Raises InputError for several.
     """
     if container.named is not None:
         return None
@@ -99,7 +98,7 @@ def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
 
 
 def is_capture(info: RasterInfo) -> bool:
-    """Whether a file is one band of a capture: it has one band and XMP metadata, and is named like a capture."""
+    """Whether a file is one band of a capture: it has one band and XMP metadata, and its name matches `IMAGES`."""
     name = PurePosixPath(info.paths[0]).name
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
 
@@ -171,8 +170,8 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
 def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
     """MicaSense's conversion of file values p to radiance L; None if XMP and EXIF lack values for it.
 
-    L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with vignette correction V, column
-    x, row y, black level [file value], gain (ISO speed / 100), exposure time t [s], a1 to a3 of RadiometricCalibration.
+    L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), with column x, row y, vignette correction V, row correction R =
+    1 / (1 + (a2 / t - a3) y), gain (ISO speed / 100), exposure time t [s], and a1 to a3 of RadiometricCalibration.
     """
     exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
     calibration, dark, centre, vignette = (
@@ -197,7 +196,8 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 def _dji(facts: Facts) -> Calibration | None:
     """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP has no values for it.
 
-    They are V c (p - black) / (gain t 2^16), in no known unit: vignette correction V, camera factor c, exposure t [s].
+    They are V c (p - black) / (gain t 2^16), where V corrects vignetting, c is the factor of the camera, and t [s] is
+    the exposure time. Their unit is not known.
     """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))

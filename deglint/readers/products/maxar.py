@@ -28,7 +28,7 @@ _NOT_ENHANCED = ("", "OFF", "NONE")
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in `container`; if the user named a file in it, the product of this file; or None."""
+    """The multispectral product in `container`, or None; if the user named a file in it, the product of this file."""
     named = container.named
     stems = {_without_ending(n) for n in container.find(METADATA)}
     if named is not None:
@@ -90,9 +90,9 @@ def _without_ending(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The .TIL file called `stem`, or its tile if it has only one; without .TIL file, the image called `stem`, or None.
+    """The file to open for `stem` (a path without extension): its .TIL file, or the tile if this names only one.
 
-    `stem` is a path without extension. Raises InputError if a tile does not lie beside the .TIL file.
+    If there is no .TIL file, it is the image, or None. Raises InputError if a tile does not lie beside the .TIL file.
     """
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:

@@ -71,7 +71,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[T], what: str, names: Iterable[str], remedy: str = "Name one.") -> T:
-        """The only item of `found`. For several, raise InputError with `what` they are, the `names` and a `remedy`."""
+        """The only item of `found`. If it has more, InputError says `what` they are, their `names` and a `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]
@@ -97,9 +97,9 @@ class Container:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
 
     def tree(self, member: str, needs: str = "") -> ET.Element:
-        """Metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
+        """Metadata in a member as a tree, from XML, JSON objects, or groups of lines "NAME = value" (MTL, IMD, TIL).
 
-        JSON objects and groups become elements. Raises ReadError; MetadataError if damaged or without element `needs`.
+        Raises ReadError if the member cannot be read, MetadataError if it is damaged or has no element `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):
@@ -278,7 +278,7 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
 
 
 def scaled_by_itself(info: RasterInfo) -> str:
-    """Why a file keeps its own scale, offset, unit, nodata and saturation, as text; "" if it gets the product's."""
+    """Why a file keeps its own scale, offset, unit, nodata and saturation; "" if those of the product are used."""
     if any(np.dtype(t).kind == "f" for t in info.dtypes):
         return "floating-point numbers are taken as they are, without the product's scale and offset"
     if any(s != 1 for s in info.scales) or any(o != 0 for o in info.offsets):
@@ -289,7 +289,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
     """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
 
-    Nodata and tags of the file are kept; so are scale, offset and unit if it is `scaled_by_itself`. `sensor` is a tag.
+    Nodata and tags in the file are kept; if it is `scaled_by_itself`, also scale, offset, unit. `sensor` becomes a tag.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     flat = bands[0].flat if info.count == 1 else None

@@ -62,7 +62,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Scales of bands 1 to `count` for reflectance, else for radiance, and the unit; [] and "" if one is missing."""
+    """Scales of bands 1 to `count`, for reflectance, else radiance, and the unit; [] and "" if both are incomplete."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
         known = [s for i in range(1, count + 1) if (s := positive(said(factors.get(i), name)))]
         if len(known) == count:

@@ -75,7 +75,7 @@ def _images(container: Container) -> dict[str, re.Match[str]]:
 
 
 def _granule(member: str) -> str:
-    """Path of the folder of the granule (tile) with a file that lies below IMG_DATA; "" for any other file."""
+    """Path of the folder of the granule (tile) that a file belongs to; "" if the file does not lie below IMG_DATA."""
     parts = PurePosixPath(member).parts
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
 
