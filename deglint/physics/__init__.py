@@ -10,7 +10,7 @@ Conventions, in every module of this package:
   points 90 degrees clockwise of it;
 - arguments broadcast like numpy arrays (``wavelength[:, None, None]`` and angles (row, column) give one image for each
   wavelength); where an input array is NaN, a floating-point result is NaN; `InputError` is raised for a value outside
-  its range, an unknown model or an unreadable time; no files are read but the package's tables; nothing is logged.
+  its range, an unknown model or an unreadable time; the only files read are the package's tables; nothing is logged.
 
 `deglint.physics.presets` defines a number of sensors.
 """

@@ -57,7 +57,7 @@ def one_of(default: object, allowed: Iterable[object], **more: object) -> Any:
 class Checked:
     """Base class of dataclasses whose fields, if made by `ranged` or `one_of`, are checked when an instance is made.
 
-    Raises InputError if a value is not as `ranged` or `one_of` requires. Values of `ranged` become Python numbers.
+    Raises InputError if a value is not allowed. Values of fields made by `ranged` are converted to Python numbers.
     """
 
     def __post_init__(self) -> None:

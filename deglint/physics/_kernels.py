@@ -9,7 +9,7 @@ ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # codes of the directional spreadi
 
 @njit(nogil=True, cache=True)
 def frequency(i: int, n: int, step: float) -> float:
-    """Signed wavenumber [rad/m] at index `i` of an FFT of length `n`, by its `step` [rad/m]; positive at i = n / 2."""
+    """Signed wavenumber [rad/m] at index `i` of an FFT of length `n` in steps of `step`; positive at i = n / 2."""
     return (i if i <= n // 2 else i - n) * step
 
 
@@ -60,11 +60,11 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 
 @njit(nogil=True, cache=True)
 def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
-    """Fill `out` with the spectrum at a time [s] of east slope + i * north slope if `slopes` is True, else of height.
+    """Fill `out` with the spectrum of height at a time [s], or of east slope + i * north slope if `slopes` is True.
 
-    `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Rows r and rows - r depend on each other's
-    amplitudes, so both are filled for each r from slab[0] to slab[1] - 1 (<= rows // 2). `steps` of the wavenumber are
-    from row to row and from column to column [rad/m]. `physics` is (surface tension / density [m3/s2], gravity [m/s2]).
+    `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Row r and its mirror row (number of rows - r)
+    depend on the same amplitudes; one call fills both, for r from slab[0] to slab[1] - 1 (at most half of all rows).
+    `steps` are as in `fill_amplitudes`. `physics` is (surface tension / density [m3/s2], gravity [m/s2]).
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps
@@ -89,11 +89,11 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
 
 @njit(nogil=True, cache=True)
 def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
-    """Multiply the spectrum of a scene by an MTF; average the rows that sampling at the pixels maps to one frequency.
+    """Multiply the spectrum of a scene by the MTF, and average rows that are aliases of each other at the pixels.
 
     `spectrum`, from a real FFT of the fine grid, is (fine rows, fine columns // 2 + 1); `out` is (rows of pixels, fine
-    columns // 2 + 1), and the result is added to its rows `first` to `last` - 1. `row_factor` and `column_factor` are
-    pairs of arrays along the rows and the columns of `spectrum`: the frequency [cycles/pixel], and the complex transfer
+    columns // 2 + 1). The result is added to the rows `first` to `last` - 1 of `out`. `row_factor` and `column_factor`
+    are pairs of arrays along the rows and the columns of `spectrum`: frequency [cycles/pixel], and complex transfer
     function without diffraction. The diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
     """
     rows, half = out.shape

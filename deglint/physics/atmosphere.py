@@ -140,7 +140,7 @@ def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
 
 
 def navy_aerosol(air: Air) -> Aerosol:
-    """Optical parameters of the aerosol in `air` by the Navy model (Gregg and Carder 1990, eq. 20 to 28 and 36).
+    """Exponent, turbidity, asymmetry, albedo of aerosol by the Navy model (Gregg and Carder 1990, eq. 20 to 28 and 36).
 
     Examples
     --------

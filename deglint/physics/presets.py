@@ -1,4 +1,4 @@
-"""Sensor presets of simulations and plans.
+"""Sensor presets for simulations and plans.
 
 Band edges are published values. Full-scale radiances, full-well capacities, read noise and band delays are round,
 typical numbers where they are not published. The sensor "thesis", after the thesis of Fink (2014), is assumed to be an

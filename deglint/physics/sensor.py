@@ -25,7 +25,7 @@ class SensorBand(Checked):
     """One band of a sensor: name, lower and upper edge [nm], full-scale radiance [W m-2 sr-1 nm-1], time offset [s].
 
     The full-scale radiance fills a pixel to its full-well capacity; the exposure time follows from it. The time offset
-    is the time of the band after the first one. Raises InputError for a value out of range, or edges in wrong order.
+    is counted from the recording of the earliest band. Raises InputError for a value out of range, or if low > high.
     """
 
     name: str
@@ -55,9 +55,9 @@ class Sensor(Checked):
     """Optics, detector and bands of a sensor. Raises InputError for a value out of range, BandError if it has no band.
 
     `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length over diameter
-    of the aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a digital
-    number, 1 to 16. `smear` is the motion during the exposure, along the columns of the image [pixel], and `jitter` the
-    standard deviation of the line of sight along each axis [pixel].
+    of the aperture, `well` the full-well capacity [electrons], and `bits` the number of bits of a digital number, 1 to
+    16. `smear` is the motion during the exposure, along the columns of the image [pixel]. Standard deviations are
+    `jitter` (line of sight, along each axis [pixel]) and `read_noise` [electrons]; `dark_current` is in electrons/s.
     """
 
     name: str
@@ -108,7 +108,7 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], 
     """Return the wavelengths of all bands in steps of 1 nm, and a function that averages spectra over each band.
 
     Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out; BandError is raised
-    for a band that does not reach into this range. The wavelengths, (n,) [nm], are those of the first band, then of the
+    for a band that lies outside this range. The wavelengths, (n,) [nm], are those of the first band, then of the
     second, and so on. The function takes values (n, ...) at them, and returns their mean over each band, (band, ...).
 
     >>> wavelength, mean = band_means([SensorBand(name="green", low=540, high=542, full_scale=1.0)])
@@ -207,7 +207,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
 
 
 def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Floats:
-    """Electrons in a pixel for each `radiance`, same shape, not limited by full-well capacity (Fink 2014, eq. 2.23).
+    """Electrons in a pixel, in the shape of `radiance`, not limited to the full-well capacity (Fink 2014, eq. 2.23).
 
     ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``: detector area A, exposure time t, quantum efficiency QE,
     transmission tau, central wavelength lambda, bandwidth dlambda, f-number f#, Planck constant h, speed of light c.
@@ -256,8 +256,8 @@ def digitise(
     """Convert radiance to the digital numbers of a band, with noise and quantisation; the dark signal is subtracted.
 
     `radiance` [W m-2 sr-1 nm-1] is already blurred by optics and detector. `generator` draws shot, dark and read
-    noise; without it, there is only quantisation. Digital numbers are 0 to ``2**bits - 1``, in the shape of `radiance`;
-    times `Sensor.scale`, they are again radiance, limited to the full-scale radiance.
+    noise; without it, there is only quantisation. Digital numbers are 0 to ``2**bits - 1``, in the shape of `radiance`.
+    Multiplied by `Sensor.scale`, they are radiance again. Radiance above the full-scale radiance is clipped.
     """
     count = np.asarray(np.maximum(electrons(radiance, sensor, band), 0.0))
     if generator is not None:

@@ -131,10 +131,10 @@ def _reflected(
 
 
 def _nodes(zenith: float, variance_along: Array, variance_across: Array) -> tuple[Array, Array, Array]:
-    """Slopes along the view (`NODES`, `NODES`), slopes across it (`NODES`, 1), and weights (`NODES`, `NODES`) [1].
+    """Nodes (slopes along and across the sensor's azimuth) and weights of an integral over slopes [1].
 
-    These are the nodes of an integral over slopes up to 5 standard deviations. Slopes along the view are only those
-    that reflect the sky: there, the integrand is smooth. `zenith` of the sensor is in degrees; variances are of slopes.
+    The shapes are (`NODES`, `NODES`), (`NODES`, 1) and (`NODES`, `NODES`). The integral is over slopes up to 5 standard
+    deviations that reflect the sky: there, the integrand is smooth. `zenith` is the sensor's zenith angle [degree].
     """
     x, w = _gauss_legendre(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
@@ -164,12 +164,12 @@ def _arccos(cosine: Array) -> Array:
 
 
 def _from_sun(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
-    """Cosine of the angle between a direction and the sun, from both zenith cosines and azimuth difference [radian]."""
+    """Cosine of the angle between a direction and the sun, from zenith angle cosines, azimuth difference [radian]."""
     return cosine * sun_cosine + np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2)) * np.cos(turn)
 
 
 def _glow(cosine: Array, towards: Array, sun_cosine: Array) -> Array:
-    """Sky radiance of Harrison and Coombes before normalisation; their last factor is omitted, as it would cancel.
+    """Sky radiance of Harrison and Coombes before normalisation, without a factor that normalisation cancels.
 
     Arguments are cosines: of the zenith angle of a direction, of its angle to the sun, and of the sun zenith angle.
     """

@@ -165,7 +165,7 @@ def _seconds(time: Times) -> Array:
 
 
 def _moment(time: str | datetime) -> datetime:
-    """Convert a datetime or ISO 8601 text to a datetime with a time zone, by default UTC. Else raise InputError."""
+    """Convert a datetime or ISO 8601 text to a datetime with a time zone (default UTC), or raise InputError."""
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
     except (TypeError, ValueError):

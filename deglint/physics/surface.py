@@ -104,7 +104,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     shape, spacing : (int, int), float
         Numbers of rows and columns of the grid, and its step [m].
     seed : int, SeedSequence or Generator
-        The same seed gives the same surface to the bit, for any `workers`; a Generator gives a new one at each call.
+        The same seed gives the same surface to the bit, for any `workers`; a Generator gives a new surface each time.
     workers : int
         Number of threads.
 

@@ -159,7 +159,7 @@ def absorption_only_reflectance(
 
 
 def _object(depth: ArrayLike, reflectance: ArrayLike) -> tuple[Array, Array]:
-    """Return depth [m] and reflectance [1] of an object as float64; raise InputError if not in 0 to 1000 and 0 to 1."""
+    """Return depth [m], 0 to 1000, and reflectance [1], 0 to 1, as float64; raise InputError if one is out of range."""
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     return depth, within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
 

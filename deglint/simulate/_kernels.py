@@ -9,13 +9,13 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
-    """Fill both arrays (row, column) of `out`: slope density in facets at the glinting slope [1]; reflected sky [1/sr].
+    """Fill rows of `out`: for each facet, slope density at the glinting slope [1], and reflected sky radiance [1/sr].
 
-    The glinting slope reflects the sun into the sensor; sky radiance is per diffuse irradiance. `slopes` (row, column)
-    is complex: the slope of each facet, east + i * north. `rows`, the part to fill, is (first row, last row + 1).
-    `sparkle` is the result of `facets._draw_sparkle`, followed by time [s]. `wind` is (sine and cosine of the azimuth
-    that the wind blows from, factors on the upwind and crosswind slopes). `glint` is (upwind and crosswind glinting
-    slope, variances of both slopes within a facet). `table` is (result of `facets._sky_table`, first slope, its step).
+    `out` is two arrays (row, column). The glinting slope reflects the sun into the sensor; the sky is per diffuse
+    irradiance. `slopes` (row, column) is complex, east + i * north. `rows` is (first row, last row + 1). `sparkle` is
+    the result of `facets._draw_sparkle`, then the time [s]. `wind` is (sine and cosine of the azimuth that the wind
+    blows from, factors on upwind and crosswind slopes). `glint` is (upwind and crosswind glinting slope, variances of
+    both slopes within a facet). `table` is (result of `facets._sky_table`, first slope and step of its axes).
     """
     amplitudes, choice, frequencies, time = sparkle
     density, sky = out

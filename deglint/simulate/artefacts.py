@@ -47,7 +47,7 @@ def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> 
 def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
     """Interpolate a band from the sensor's grid, which lies `GRID_SHIFT` pixels down and right, to the map's grid.
 
-    `numbers` are digital numbers (row, column); `levels` is the largest digital number of the sensor and the result.
+    `numbers` are digital numbers (row, column); the result is at most `levels`, the largest digital number.
     """
     how = {"bilinear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}[kernel]
     move = np.array([[1.0, 0.0, GRID_SHIFT], [0.0, 1.0, GRID_SHIFT]])
@@ -58,7 +58,7 @@ def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
 def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
     """Compress the digital numbers (row, column) of a band as an 8-bit JPEG, and decompress them.
 
-    Each byte is 255 times the square root of digital number / `levels`, the largest digital number of the sensor: the
+    Each byte is 255 sqrt(number / `levels`), where `levels` is the largest digital number of the sensor, so that the
     quantisation step is proportional to the shot noise, as in cameras. `quality` is the quality of the JPEG, 1 to 100.
     """
     small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)

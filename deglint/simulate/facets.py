@@ -1,4 +1,4 @@
-"""The sea surface as facets (the cells of a grid): sun glint and sky radiance that each reflects to the sensor.
+"""The sea surface as facets (cells of a grid), and the sun glint and sky radiance that facets reflect to the sensor.
 
 Waves that the grid resolves tilt each facet; the rest of the slope variance that Cox and Munk measured is unresolved.
 A share of the unresolved variance, the sparkle, tilts each facet as a whole and varies in time according to the wave
@@ -94,11 +94,11 @@ def sparkle_share(patch: float, facet: float) -> float:
 
 
 def _draw_sparkle(setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int) -> Sparkle:
-    """Draw the sparkle at random: slope amplitudes [1] and index of the frequency of each facet; frequencies [rad/s].
+    """Draw the sparkle at random; return slope amplitudes [1], frequency indices, and angular frequencies [rad/s].
 
     `variance` is the slope variance of the sparkle (upwind, crosswind). Amplitudes (row, column, 4) are factors on the
-    cosine and the sine in time for the upwind slope, then for the crosswind slope. The index is (row, column); it and
-    the amplitudes are empty if there is no sparkle.
+    cosine and the sine in time for the upwind slope, then for the crosswind slope. The index of the frequency of each
+    facet is (row, column). Amplitudes and indices are empty if there is no sparkle.
     """
     if max(variance) <= 0:
         return np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)

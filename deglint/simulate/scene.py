@@ -39,7 +39,7 @@ class Light:
         deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
 
         def over(depth: Floats | float, albedo: Floats | float) -> Floats:
-            """Radiance (band, *depth.shape) of water over ground at a depth [m]; `albedo` may be (wavelength, 1)."""
+            """Radiance (band, *depth.shape) over ground at a depth [m]; `albedo` is a number or (wavelength, 1)."""
             column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
             seen = water.submerged_reflectance(
                 Iops(*column[3:]), column[0], *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
@@ -60,7 +60,7 @@ class Light:
             self.bottom = np.asarray([over(self.depths, ground).T for ground in grounds])
 
     def matt(self, materials: Sequence[str]) -> Floats:
-        """Radiance of horizontal Lambertian surfaces (material, band) [W m-2 sr-1 nm-1]; 0 for the name "" (water)."""
+        """Radiance (material, band) [W m-2 sr-1 nm-1] of horizontal Lambertian surfaces; 0 for the name "" (water)."""
         none = np.zeros(len(self.water))
         rows = [self._mean(reflectance(name, self._wavelength)) if name else none for name in materials]
         return np.asarray(rows) * (self.direct + self.diffuse) / np.pi
@@ -225,7 +225,7 @@ class _World:
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance of facets (row, column) in a band: of the cover where its label is above 0, else of water."""
+        """Radiance (row, column) in a band: of the cover where the label in `cover` is above 0, else of water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -244,8 +244,8 @@ class _World:
 class _Shot:
     """The radiance images of one setup, before noise: working data from which its `SimulatedScene` is made.
 
-    `_add_bands` fills the float32 arrays band by band: `water` (band, row, column) becomes `truth_water`, and each
-    array of `grids` (2, band, row, column) holds truth and glint. Then `finished` adds noise and artefacts.
+    `_add_bands` fills the float32 arrays band by band: `water` (band, row, column) becomes `truth_water`, and `grids`
+    has truth and glint, (2, band, row, column), on each grid of pixels. Then `finished` adds noise and artefacts.
     """
 
     def __init__(self, setup: Setup, workers: int) -> None:
@@ -256,7 +256,7 @@ class _Shot:
         self.grids = [(np.empty((2, *self.water.shape), np.float32), offset) for offset in offsets]
 
     def pixels(self, spectrum: Complex, i: int, off: float = 0.0) -> Floats:
-        """Band i, (row, column), of a layer with Fourier transform `spectrum`, blurred and moved by `off` [pixel]."""
+        """Image (row, column) in band i from a layer's `spectrum`; `off` moves pixels down and right [pixel]."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)

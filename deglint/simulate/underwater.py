@@ -31,7 +31,7 @@ class Bottom(Checked):
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share, patch : float
-        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m], at most that of the sea.
+        Share of the ground that patches cover [1], 0 to 1; size of a patch [m], limited to the longer side of the sea.
     """
 
     depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
@@ -153,8 +153,8 @@ def thesis_array(
     reflectances : sequence of float
         Reflectance of each column of squares [1].
     sides : sequence of float, optional
-        Side of the squares in each row [pixel], repeated if size[0] // 64 is larger; default: those of 2, 4, 8, 16 that
-        fit, or else 2.
+        Side of the squares in each row of squares [pixel], repeated in order until there are size[0] // 64 rows. By
+        default, those of 2, 4, 8, 16 that fit, or 2 if none fits.
     depth : float
         Depth of all squares [m].
 
