@@ -1,8 +1,8 @@
 """Process many scenes with one recipe, in separate processes: a scene that fails does not stop the others.
 
-A recipe file holds the options. A scene is finished if its sidecar records the same options, and neither its input nor
-its outputs have changed since; a batch that was interrupted can therefore be continued. Each worker process handles one
-scene after the other, so it imports modules only once. A worker that crashes is reported and replaced.
+A recipe file holds the options. A scene is finished if its sidecar (the JSON file beside the output) records the same
+options, and its input and outputs have not changed since. An interrupted batch can therefore be continued. Each worker
+process handles one scene after the other, so it imports modules only once. A crashed worker is reported and replaced.
 """
 
 import contextlib
@@ -58,7 +58,7 @@ class BatchConfig:
     reads: tuple[str, ...] = ()  # further input files, such as the recipe, which no output may replace
 
     def request(self) -> str:
-        """SHA-256 (hexadecimal) of all options except `directory` and `reads`, and of mask, sample and sensor files."""
+        """SHA-256 (hexadecimal) of the mask, sample and sensor files and all options except `directory` and `reads`."""
         read = files_behind([self.recipe.sample, self.recipe.mask, str(self.opening.get("sensor"))])
         files = {path: fingerprint(path)["crc32"] for path in read}
         said = asdict(replace(self, directory=Path(), reads=())) | {"files": files}
@@ -66,10 +66,10 @@ class BatchConfig:
 
 
 def read_config(path: str, directory: str | None = None) -> BatchConfig:
-    """Read a recipe file, TOML with the tables of `BatchConfig`; a given `directory` replaces that of the file.
+    """Read a recipe file, TOML with the tables of `BatchConfig`; `directory`, if given, replaces that of the file.
 
-    Raises ReadError if the file cannot be read, and InputError if it is not TOML or has a name or value that is not
-    allowed, such as an output directory that leads out of the current one by ".." (a given `directory` may).
+    Raises ReadError if the file cannot be read, and InputError if it is not TOML, or if a name or value in it is not
+    allowed. The output directory in the file must not lead out of the current directory by ".."; `directory` may do so.
     """
     document = read_toml(path, "recipe")
     of_output = ["directory", "name", "extras", "dtype", "options"]
@@ -162,7 +162,7 @@ def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status before processing ("to do", "finished before"; "failed" if files are foreign or changed), and why."""
+    """Return status "to do", "finished before" or "failed" (existing outputs do not fit the job), and the reason."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     if not (there := [p for p in every if p.exists()]):
         return TODO, ""
@@ -233,7 +233,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], config: BatchConfig, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run jobs on `count` processes, `threads` threads each; call `ended` with each job's key in `todo` and outcome."""
+    """Run jobs on `count` processes of `threads` threads; call `ended` with the key (in `todo`) and outcome of each."""
     workers = [_Worker(config, threads) for _ in range(count)]
     idle = deque(workers)
 

@@ -27,7 +27,7 @@ def nearest(word: str, known: list[str]) -> str:
 
 
 def checked_keywords(*more: str) -> Callable[[Callable[Args, T]], Callable[Args, T]]:
-    """Decorate a function so that an unknown keyword raises TypeError, which suggests a similar one or lists all.
+    """Make a decorator that raises TypeError for an unknown keyword; the message has a similar keyword, or lists all.
 
     `more` are keywords that the function accepts through ``**``.
     """
@@ -65,7 +65,7 @@ def described(value: object) -> str:
 
 
 def as_path(value: object, name: str) -> str:
-    """Return a path or GDAL name as text; raise InputError if `value`, of the argument `name`, is neither, or empty."""
+    """Return `value`, of the argument `name`, as text; raise InputError if it is no path or GDAL name, or is empty."""
     if isinstance(value, str) and value:
         return value
     if isinstance(value, os.PathLike) and isinstance(path := os.fspath(value), str):
@@ -100,7 +100,7 @@ def check_number(value: object, low: float, high: float, name: str) -> None:
 
 
 def from_plain(kind: Any, value: object) -> Any:
-    """Convert a plain value to the type `kind`: dicts to dataclasses, lists to tuples; unknown keys are ignored.
+    """Convert a JSON or TOML value to the type `kind`: dicts to dataclasses, lists to tuples; unknown keys are ignored.
 
     Raises TypeError or ValueError if the value cannot be converted, or if a required field is missing.
     """

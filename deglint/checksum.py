@@ -21,7 +21,7 @@ class Checksum:
     """Compute the CRC-32 of all input files of a run in a separate thread, and detect files that change meanwhile.
 
     `names` are GDAL names of the input; files that GDAL reads with them are included. Names that are not local files
-    (/vsis3/, zip://) have no checksum. Files of the names `aside`, such as a mask, are only checked for changes.
+    (/vsis3/, zip://) have no checksum. `aside` are further names, such as a mask, that are only checked for changes.
     """
 
     def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
@@ -48,7 +48,7 @@ class Checksum:
         return self._found
 
     def changed(self) -> str | None:
-        """Path of the first file (not .aux.xml, .ovr) changed, added or removed since this object was made, or None."""
+        """Path of a file (except .aux.xml, .ovr) changed, added or removed since this object was made; None if none."""
         crcs = {file["path"]: file["crc32"] for file in self._found}
         after = {path: _stamp(path) for path in (*files_behind(self._names), *files_behind(self._aside))}
         for path in (name for name in {**self._before, **after} if not name.endswith(_VIEWER_FILES)):
@@ -65,7 +65,7 @@ class Checksum:
 
 
 def fingerprint(path: str | Path) -> Fingerprint:
-    """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; all None if unreadable."""
+    """Dict of a file's "bytes" (size), "modified_ns" (time), "crc32" (8 hexadecimal digits); all None if unreadable."""
     stamp = _stamp(path)
     if stamp is not None:
         crc, room = 0, memoryview(bytearray(min(_CHUNK, stamp[0] + 1)))
@@ -83,7 +83,7 @@ def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, object]]) -> bo
 
 
 def is_as(path: str | Path, said: Mapping[str, object]) -> bool:
-    """Whether a file has the size, and the time or CRC-32, in `said`; if it is missing, whether `said` has no size."""
+    """True if a file has the size, and the time or CRC-32, in `said`; or if it is missing and `said` has no size."""
     stamp = _stamp(path)
     if stamp is None:
         return said.get("bytes") is None

@@ -92,13 +92,13 @@ class Cluster:
             return dict(self.client.run(_peak))
 
     def numbers(self) -> dict[str, float]:
-        """Entries of the sidecar on the cluster: number of workers, and the largest peak memory of a worker [MB]."""
+        """Entries for the sidecar (a JSON file): number of workers, and the largest peak memory of a worker [MB]."""
         held = self.memory().values()
         return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
 
 
 def check_cluster(address: str | None, workers: int | None, memory: str) -> None:
-    """Raise InputError for arguments with which `connect` raises InputError; nothing is connected or started."""
+    """Check arguments of `connect`, and raise InputError as `connect` does; nothing is connected or started."""
     if (address is None) == (workers is None) or (workers is not None and workers < 1):
         raise InputError("want the address of a cluster or a number of workers from 1, one of the two.")
     if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):

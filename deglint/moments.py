@@ -75,7 +75,7 @@ class CellMoments(NamedTuple):
 
     @classmethod
     def of(cls, keys: npt.ArrayLike, cells: Sequence[Moments]) -> CellMoments:
-        """Make an object from the row and column, and the moments, of each cell."""
+        """Make an object from `keys`, the row and column of each cell in the grid of cells, and the moments of each."""
         return cls(np.array(keys, np.int64), *(np.array(values, np.float64) for values in zip(*cells, strict=True)))
 
     @classmethod
@@ -159,7 +159,7 @@ def cell_moments(
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
-    """Index in the scene and slice in the block of each cell of an axis; the block has `length` pixels from `first`."""
+    """For each cell of an axis: index in the scene, and slice in the block, which has `length` pixels from `first`."""
     numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 

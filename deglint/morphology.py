@@ -35,7 +35,7 @@ def eroded(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
 
 
 def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
-    """Opened mask (row, column): True in squares of side `side`, cut off at the image's edges, that are all True."""
+    """Opened mask (row, column): True in `side` x `side` squares around a pixel whose part in the image is all True."""
     import cv2
 
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)

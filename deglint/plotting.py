@@ -15,7 +15,7 @@ GAMMA = 1.8  # gamma correction: a picture shows x ** (1 / GAMMA) for values x f
 
 
 def axes(ax: Any, wanted_by: str) -> Any:
-    """Return `ax`, or new matplotlib axes if None; without matplotlib, raise InputError, which names `wanted_by`."""
+    """Return `ax`, or new matplotlib axes if None; without matplotlib, raise InputError for the caller `wanted_by`."""
     try:
         import matplotlib.pyplot as plt
     except ImportError:
@@ -24,7 +24,7 @@ def axes(ax: Any, wanted_by: str) -> Any:
 
 
 def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
-    """Draw versions of a scene (`Scene` objects) side by side with the same stretch; `ax` and result as in `axes`."""
+    """Draw versions of a `Scene` side by side with the same stretch; `ax`, `wanted_by` and result are as in `axes`."""
     ax, first = axes(ax, wanted_by), scenes[0]
     bands = first.rgb(range(len(first.bands)))
     ax.imshow(np.hstack(natural_colour([thinned(s.source, first.shape, bands) for s in scenes])))
@@ -51,10 +51,10 @@ def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> n
 def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.uint8]]:
     """Convert images (band, row, column) of red, green and blue to pictures (row, column, 3) with the same stretch.
 
-    The last image is the one without glint. If the mean of the first image is larger in every band, each band is
-    divided by this difference of means, so that glint is white. Black is percentile 1 of the last image (that of the
-    darkest band). White is its percentile 99.5 (that of the brightest band), or percentile 90 of the first image, if
-    that is larger. NaN is black.
+    The last image is the one without glint. If the mean of the first image exceeds that of the last in every band, each
+    band is divided by the difference of its means, so that glint is white. Black is percentile 1 of the darkest band of
+    the last image. White is percentile 99.5 of its brightest band or, if that is larger, percentile 90 of the brightest
+    band of the first image. NaN is black.
     """
     first, last = images[0], images[-1]
     glint = np.array([np.nanmean(a - b) if np.isfinite(a - b).any() else 0.0 for a, b in zip(first, last, strict=True)])

@@ -96,8 +96,8 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
 def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int) -> tuple[int, int]:
     """Shape (rows, columns) of tiles for processing that needs a halo [pixel] and many copies of a tile in memory.
 
-    `shape` is the usual shape of tiles, `block` the shape of the file's blocks. With its halo, a tile has at most about
-    `MOST_WITH_HALO` values, unless bands are many. Within this limit it is wide, so that few pixels are read twice.
+    `shape` is the usual shape of tiles, `block` the shape of the file's blocks. Tiles are wide, so that few pixels are
+    read twice. With its halo, a tile has at most about `MOST_WITH_HALO` values, or more if there are many bands.
     """
     rows, half = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1), COMPACT // 2
     wide = (MOST_WITH_HALO // ((rows + 2 * halo) * bands) - 2 * halo) // half * half
@@ -105,7 +105,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if that is too large."""
+    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least one or, if too large, `side`."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -172,7 +172,7 @@ def one_thread_each() -> Iterator[None]:
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
-    """Number of threads, 1 to `threads`, that process tiles of (rows, columns) pixels at once in bounded memory."""
+    """Number of threads, 1 to `threads`, whose tiles of shape `tile` have at most `SAMPLES_AT_ONCE` values in total."""
     return max(1, min(threads, SAMPLES_AT_ONCE // (tile[0] * tile[1] * bands)))
 
 

@@ -152,7 +152,7 @@ def apply(
 
 
 def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | None) -> Correction:
-    """A picklable `Correction` without scene, which `_correct_tile` adds. It makes no mask, and keeps nodata."""
+    """Make a picklable `Correction`; `_correct_tile` adds the scene. It has the array's nodata value, but no mask."""
     info = raster_of(scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
@@ -188,6 +188,7 @@ def remove(
     Returns
     -------
     DataArray or Dataset
+        The corrected scene or scenes, of the same type as `array`.
 
     Raises
     ------
@@ -228,7 +229,7 @@ def _entry(array: "DataArray", dimension: Hashable, work: "Callable[[DataArray],
 
 
 def _by_variables(dataset: "Dataset", work: "Callable[[DataArray], DataArray]") -> "Dataset":
-    """The Dataset after `work` on each variable with a dimension band; if none has one, variables are the bands."""
+    """Call `work` on each variable with a dimension band or, if there is none, on the variables stacked as bands."""
     if deep := _with_bands(dataset):
         return dataset.assign({n: work(dataset[n]) for n in deep})
     clean = work(stack(dataset))
@@ -244,10 +245,9 @@ def _with_bands(dataset: "Dataset") -> list[Hashable]:
 def stack(dataset: "Dataset") -> "DataArray":
     """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
-    Nodata, scales and offsets that differ become lists with one entry per band. If the wavelengths of at least two
-    variables are known, all other variables, such as masks, are left out. A single variable with a dimension band is
-    returned alone. Raises InputError if variables of two or more dimensions do not all have the same ones, if there
-    are no such variables, or if several have a dimension band.
+    Nodata, scales and offsets that differ become lists with one entry per band. If at least two wavelengths are known,
+    variables without one, such as masks, are left out. If one variable has a dimension band, it is returned alone.
+    Raises InputError if several have it, if no variable has two or more dimensions, or if their dimensions differ.
     """
     if deep := _with_bands(dataset):
         if len(deep) > 1:

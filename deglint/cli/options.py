@@ -19,7 +19,7 @@ Decorator = Callable[[Callable[..., None]], Callable[..., None]]  # decorates th
 
 
 class Grouped(click.Command):
-    """click command whose `--help` lists its options in groups (see `heading`), and the methods of its `--method`."""
+    """click command whose `--help` lists options in groups (see `heading`), and explains the values of `--method`."""
 
     context_class = BoldContext
 
@@ -48,7 +48,7 @@ def heading(text: str) -> Decorator:
 
 
 class ChoiceFromTable(click.Choice[str]):
-    """Option type: values are `words` and those in `table` (dict, tuple, Literal) of `module`, imported when needed."""
+    """Option type with values `words` and entries of `table` (dict, tuple, Literal) in `module`, imported on use."""
 
     def __init__(self, table: str, module: str, *words: str) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, False
@@ -84,7 +84,7 @@ class FileName(click.Path):
         self._words, self._presets = words, presets
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the name; raise a usage error if it is no file, but probably a misspelled word."""
+        """Return the name; raise a usage error if it is a word that is neither allowed nor an existing file."""
         words = self._words if "FILE" in str(param and param.metavar) else ()
         if words and value.isalpha() and value not in words and not os.path.exists(value):  # noqa: PTH110
             hint = nearest(value, list(words)) or "."
@@ -134,7 +134,7 @@ def parsed(read: Callable[[str], object], wrong: str) -> Callable[..., object]:
 
 
 def place(option: str, metavar: str, said: str) -> Decorator:
-    """Make an option for a file name or a word; words are in lower case in `metavar`, and the first is the default."""
+    """Make an option for a file name or one of the lower-case words in `metavar`, of which the first is the default."""
     words = [word for word in metavar.split("|") if word.islower()]
     return click.option(option, type=FileName(*words), default=words[0], metavar=metavar, help=said)
 

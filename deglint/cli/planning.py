@@ -129,7 +129,7 @@ def page(given: Given, mission: Mission, _console: Console) -> None:
 
 
 def assumed(given: Given, tables: Tables, mission: Mission) -> list[str]:
-    """Log lines: times, time zones and winds that are assumed because none is given, and warnings of the mission."""
+    """Lines for the log: times, time zones and winds that are assumed as none is given, and warnings of the mission."""
     out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]

@@ -169,7 +169,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
 
 
 def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
-    """Random misregistration (down, right) of up to `most` [pixel], 0 for the first band; () if `most` is 0."""
+    """Random misregistration (down, right) of `count` bands, up to `most` [pixel], first band 0; () if `most` is 0."""
     import numpy as np
 
     if not np.isfinite(most):

@@ -105,7 +105,7 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Point of a viewing geometry [degree] on a disc, north up; the edge, at `radius` [pixel], is zenith `widest`."""
+    """Point of a viewing geometry [degree] on a disc, north up; zenith angle `widest` is at `radius` [pixel]."""
     return around(centre, radius * zenith / widest, azimuth)
 
 

@@ -21,7 +21,6 @@ from .mission import Mission
 from .skylight import Skylight
 
 MARGIN = 3.0  # least angle between the best viewing geometry and any excluded one, where possible [degree]
-# points of the compass, clockwise from north
 _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 _CARDINAL = {"N": "north", "E": "east", "S": "south", "W": "west"}
 _AROUND = 16  # number of points at `MARGIN` around the best viewing geometry; if possible, none of them is excluded
@@ -52,9 +51,7 @@ class Light:
 
 
 class Reticle:
-    """Radiances, contrasts and masks of a mission for every viewing geometry.
-
-    Arrays are (zenith, azimuth) if no other shape is given.
+    """Radiances, contrasts and masks of a mission for every viewing geometry: (zenith, azimuth) if no shape is given.
 
     Attributes
     ----------
@@ -75,8 +72,8 @@ class Reticle:
     sky_probability : (band, zenith, azimuth) ndarray
         Share of the sea that reflects more skylight than `Limits.sky_ratio` times the radiance of deep water [1].
     weber, snr : (band, zenith, azimuth) ndarray
-        Weber contrast ``(LT - LB) / LB`` [1], and contrast over noise: ``|LT - LB|`` / (noise-equivalent radiance) [1].
-        LT, LB: water-leaving radiance over the object and of deep water. Noise: `Limits.ner`, else of LB + glint + sky.
+        Weber contrast ``(LT - LB) / LB`` and contrast over noise ``|LT - LB| / NER`` [1]. Water-leaving radiance is LT
+        over the object and LB in deep water. Noise-equivalent radiance NER is by default that of LB + glint + sky.
     clear_of_glint : bool ndarray
         True where sun glint is within its limits.
     clear_of_sky, detectable : (band, zenith, azimuth) bool ndarray
@@ -137,7 +134,10 @@ class Reticle:
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
 
     def counts(self) -> dict[str, Floats]:
-        """Electrons per pixel (band, zenith, azimuth): "background", "object", "sky", "glint" (Fink 2014, eq. 2.23)."""
+        """Electrons per pixel, (band, zenith, azimuth), by source of the light (Fink 2014, eq. 2.23).
+
+        Keys are "background" (deep water), "object" (water over the object), "sky" and "glint".
+        """
         parts = {"background": self.light.background, "object": self.light.target}
         parts |= {"sky": self.sky_radiance, "glint": self.glint_radiance}
         sensor, bands = self.mission.sensor, self.mission.channels
@@ -207,9 +207,9 @@ class ViewingGeometry:
 def best_geometry(plan: Reticle, contrast: Floats | None = None, *, band: str | None = None) -> ViewingGeometry | None:
     """The viewing geometry with the highest contrast; None if all are excluded.
 
-    If possible, one is selected that has no excluded viewing geometry within `MARGIN`. `contrast` (zenith, azimuth) is
-    contrast over noise [1], 0 where excluded; by default it is that of the band with the name `band`, or of all bands
-    together. Raises BandError if the plan has no such band.
+    If possible, no viewing geometry within `MARGIN` [degree] of the selected one is excluded. `contrast` (zenith,
+    azimuth) is contrast over noise [1], 0 where excluded; by default it is that of the band with the name `band`, or of
+    all bands together. Raises BandError if the plan has no such band.
     """
     bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
     if contrast is None:

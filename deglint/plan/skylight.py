@@ -36,8 +36,8 @@ class Wind(NamedTuple):
 class Skylight:
     """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
 
-    `sun` is (zenith angle, azimuth), `model` the sky model. The mean differs by up to 1 % from `sky.reflectance`,
-    which does not interpolate. Facets are also summed at the azimuth opposite the sun, where the glow is narrow.
+    `sun` is (zenith angle, azimuth), `model` the sky model. `mean` differs by up to 1 % from `sky.reflectance`, which
+    does not interpolate. Sums include the azimuth opposite the sun, where the bright reflection of the sky is narrow.
     """
 
     def __init__(

@@ -81,7 +81,7 @@ class Line:
 
 
 def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Floats, Floats]:
-    """Viewing geometries of a grid of points in the field of view, for headings (...) [degree].
+    """Viewing geometries of a grid of points in the field of view, for headings of any shape (...) [degree].
 
     Returns zenith angles and azimuths of the sensor as seen from the sea, (..., along, across) [degree]. Zenith angles
     are NaN where the line of sight misses the Earth.
@@ -164,7 +164,7 @@ def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _angles(view: FieldOfView) -> list[float]:
-    """Angles of `TILTS` that, plus half of the larger angle of the view, are below 80 degrees [degree]."""
+    """Angles of `TILTS` [degree] for which tilt plus half of the larger angle of the view is below 80 degrees."""
     return [tilt for tilt in TILTS if tilt + 0.5 * max(view.across, view.along) < 80.0]
 
 
@@ -186,7 +186,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, object]:
-    """Values for JSON (via `raster.output.plain`): mission, view, best heading, alternatives, glint of all headings."""
+    """Values for JSON (use `raster.output.plain`): mission, view, best heading, alternatives, glint of all headings."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

@@ -51,7 +51,7 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
 def next_daylight(latitude: float, longitude: float, start: sun.Time | None = None) -> np.datetime64:
     """First time (UTC), in steps of 10 minutes from `start`, when the sun is at least `DAYLIGHT` degrees high.
 
-    If the sun is not so high within 24 hours, it is the time when the sun is highest. By default, `start` is now.
+    If the sun is not so high within 24 hours, the result is the time of the highest sun. By default, `start` is now.
 
     >>> str(next_daylight(36.8, -122.0, "2026-06-21T05:00Z"))
     '2026-06-21T14:20:00'
@@ -102,7 +102,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, object]:
-    """Values for JSON (via `raster.output.plain`): mission, summary of the best time, and summaries of all times."""
+    """Values for JSON (use `raster.output.plain`): mission, summary of the best time, and summaries of all times."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)
@@ -113,8 +113,8 @@ def numbers(mission: Mission, moments: list[Moment]) -> dict[str, object]:
 class WindEnsemble:
     """Glint and contrast of a mission under all winds of an interval, for a wind that is not exactly known.
 
-    The speed is that of the mission plus or minus `speed` [m/s], within the range of the models; the direction is that
-    of the mission plus or minus `turn` [degree]; 180 means any direction. Raises InputError if one is out of range.
+    The speed is that of the mission plus or minus `speed` [m/s], within the range of the models. The direction is that
+    of the mission plus or minus `turn` [degree]; 180 means any. Raises InputError if `speed` or `turn` is out of range.
     """
 
     def __init__(self, mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> None:
@@ -156,7 +156,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, object]:
-        """Values for JSON (via `raster.output.plain`): winds, best geometry and ranges there (`at`), and `risk`."""
+        """Values for JSON (use `raster.output.plain`): winds, best geometry, ranges there, share of excluding winds."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),
