@@ -14,8 +14,10 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Set out[k] to the sum of values[k + m * step] for 0 <= m < width; not valid for the last (width - 1) * step k."""
-    done, span = 0, 1  # all arrays, (n,), are overwritten; `values` holds sums of `span` = 1, 2, 4, ... terms
+    """Set out[k] to the sum of `width` values that are `step` apart, from values[k] on. All arrays are (n,).
+    The last (width - 1) * step elements of `out` are not valid. `values` and `spare`, working memory, are overwritten.
+    """
+    done, span = 0, 1  # `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
         if width & span:
             further = values[done * step :]
@@ -41,8 +43,7 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
     x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands, 0 where not valid
     inner, bar : side of the guard, and width of the bars around it [pixel]
-    out : (pairs, rows, columns), in the order (0, 0), (1, 0), (1, 1), ... of (i, j); it has `inner` + 2 `bar` - 1
-        rows and columns fewer than x
+    out : (pairs, rows, columns), pairs (0, 0), (1, 0), (1, 1), ...; x has `inner` + 2 `bar` - 1 more rows and columns
     """
     width, size = x.shape[2], x[0].size
     values, again, spare, level = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
@@ -72,15 +73,14 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 where the pivot is lost or inexact; change `state` there.
+    """Fill `scale` with 1 / sqrt(pivot) of a band; where the pivot is lost or inexact, fill in 0 and change `state`.
 
-    pivot : (pixels,), like all arrays: sum of squared deviations of the band in the ring that earlier bands do not
-        explain. It is lost if it is at most `exact` (the relative rounding error) times the sum of squares of the band,
-        and inexact if it is at most 1000 times as much
-    rest : part of the pixel's deviation from the mean of its ring that earlier bands do not explain
-    ring : tuple: sum and mean of the band in the ring, sum of squares, number of pixels, deviation of the pixel
-    state : one of the states in `distances`: DEFICIENT if the pivot is lost and `rest` is only a rounding error, else
-        ASIDE; ASIDE is never replaced
+    All arrays are (pixels,). `pivot` is the sum of squared deviations of the band in the ring, and `rest` the deviation
+    of the pixel from the mean of the ring, both without the part that earlier bands explain. `ring` is a tuple: sum,
+    mean and sum of squares of the band in the ring, number of pixels in the ring, and deviation of the pixel. A pivot
+    is lost if it is at most the sum of squares times `exact`, the relative rounding error, and inexact if it is at most
+    1000 times this limit. `state` (see `distances`) becomes DEFICIENT if the pivot is lost and `rest` is only a
+    rounding error, else ASIDE. ASIDE is never replaced.
     """
     own, mean, square, count, away = ring
     for c in range(len(pivot)):

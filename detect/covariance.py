@@ -55,7 +55,7 @@ def shrunk(covariance: Float64, shrinkage: float) -> Float64:
 
 
 def oas_shrinkage(covariance: Float64, n: int) -> float:
-    """Oracle-approximating weight for `shrunk`, from n pixels (Chen et al. 2010, eq. 23, without 2 / p for p bands)."""
+    """Oracle-approximating weight for `shrunk`, from n pixels (Chen et al. 2010, eq. 23, terms 2 / bands omitted)."""
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
     if p < 2:

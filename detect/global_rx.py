@@ -254,7 +254,7 @@ def residual_rx(image: Array, background: Given = None, *, nir: Sequence[int], m
     Parameters
     ----------
     nir : sequence of int
-        0-based reference bands. The score is RX of all bands minus RX of these: low where these predict the others.
+        0-based reference bands. The score is RX of all bands minus RX of `nir`; low where `nir` predicts other bands.
     """
     return _run("residual", image, background, mask, nir=nir)
 

@@ -28,7 +28,7 @@ class LineScorer:
     Parameters
     ----------
     lines : int
-        Time constant of exponential averages [line], 1 or more: a line multiplies older weights by 1 - 1 / `lines`.
+        Time constant of the averages [line], 1 or more: a new line multiplies all older weights by 1 - 1 / `lines`.
 
     Examples
     --------

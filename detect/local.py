@@ -138,9 +138,8 @@ def score_part(
 ) -> tuple[Scores, Uint8]:
     """Scores and states (0 or a key of `STATES`) of the tile `part` of a scene, (row, column).
 
-    `block`, (band, row, column), holds the pixels of the tile `held`: `part` and its halo, cut at the edges of the
-    scene. The first row and column of `part` are multiples of `CELL`. `mask` has the rows and columns of `block`.
-    `rule` holds the sides of the window; the other parameters are as in `local_rx`.
+    `block`, (band, row, column), and `mask` hold the tile `held`: `part` and its halo, cut at the edges of the scene.
+    `part` starts at multiples of `CELL`. `rule` holds the sides of the window; other parameters are as in `local_rx`.
     """
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores, states = np.full(part.shape, np.nan, dtype), np.zeros(part.shape, np.uint8)
@@ -240,7 +239,8 @@ def _places(at: int, size: int, side: int, border: str) -> Int64:
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
     """Compute d^T M^+ d, with M = R^T R + `ridge` * diag(R^T R) and d = `away`, (band,), and whether M has full rank.
 
-    M^+ is the pseudo-inverse. R = `ring`, (pixel, band), holds deviations from the mean, times sqrt(weight) = `root`.
+    M^+: pseudo-inverse. R = `ring`, (pixel, band): deviations from the mean, times `root`, (pixel,). `root` is the
+    square root of the weight of a pixel, the number of times that the pixel occurs in the ring.
     """
     bands = ring.shape[1]
     if bands > SUMS_BANDS:

@@ -177,7 +177,7 @@ def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by rank: the lowest score that is exceeded by at most the fraction `pfa` of all scores.
 
-    Raises InputError if `pfa` is outside 0 to 1, a score is infinite, fewer than 1 / `pfa` are valid, or too few kept.
+    Raises InputError if `pfa` is outside 0 to 1, scores are infinite or fewer than 1 / `pfa`, or a tail keeps too few.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -196,8 +196,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by `from_gpd`, or by `from_quantile` if the distribution cannot be fitted or the tail contains objects.
 
-    A fitted shape of 1 or more (no mean exists) shows that the tail contains objects. Even then, the fit is kept if the
-    rate means fewer than 10 scores. Raises InputError where `from_gpd` does, or `from_quantile` if that is used.
+    A fitted shape of 1 or more (no mean exists) shows that the tail contains objects. Even then, the fit is kept if
+    fewer than 10 scores would exceed the threshold. Raises InputError as `from_gpd` or, if used, `from_quantile` does.
     """
     try:
         found = from_gpd(scores, pfa)

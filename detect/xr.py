@@ -71,10 +71,10 @@ def score(
     recipe : Recipe or str
         Options of the detection, or the name of a method, not "lines"; options of thresholds and objects are ignored.
     background : Background, optional
-        A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With a given
-        background, a lazy array is not read now (unless the mask is "water"), and not searched for nodata: declare its
-        nodata value, or pass `nodata`; "auto" then selects "rx". A method that has a background of its own for every
-        pixel, such as "local", accepts none.
+        A background fitted earlier, to this scene or another; by default, one is fitted to this array now. If one is
+        given, the method "auto" selects "rx". Unless the mask is "water", a lazy array is then neither read now nor
+        searched for nodata: declare the nodata value of the array, or pass `nodata`. A method that has a background of
+        its own for every pixel, such as "local", accepts none.
 
     Returns
     -------

@@ -40,10 +40,10 @@ class Number:
 
 
 def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float:
-    """Error of an image [% of the water level]: root mean square over the visible bands of RMSE / median(truth).
+    """Error of an image [%]: RMSE of each visible band relative to its water level, then root mean square over bands.
 
     `image` and `truth`, (band, row, column), have the same unit; the first `VISIBLE_BANDS` bands are used. The RMSE is
-    computed in the range `columns`; the water level, median(truth) of each band, in all columns.
+    computed in the range `columns`. The water level of a band is the median of its truth in all columns.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def short(value: float) -> str:
 
 
 def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
-    """Mean of `values`, one for each seed, and its 95 % interval (Student's t), limited to 0 to `most`."""
+    """Mean of `values`, one per seed, and 95 % interval (Student's t) within 0 to `most`; `better` is only stored."""
     from scipy.stats import t
 
     centre = mean(values)

@@ -46,7 +46,7 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Make the extent for `names`. `quick` has one wind, a small timed scene, 3 rounds, and by default 2 seeds."""
+        """Extent for the removals `names`; `quick` has one wind, a small timed scene, 3 rounds, by default 2 seeds."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)
@@ -72,8 +72,8 @@ class Quality:
 class Results:
     """Results of all measurements.
 
-    `images` has one `Quality` for each seed; keys are condition and name (removal, `RAW` or `LIMIT`). `fit` and `apply`
-    have processor times of each removal for the timed scene, on one thread [s]. `refused` says why a removal failed.
+    `images` maps (condition, name) to one `Quality` per seed; names are removals, `RAW` and `LIMIT` (noisy truth).
+    `fit` and `apply` map removals to processor times for the timed scene on one thread [s], `refused` to failures.
     """
 
     effort: Effort
@@ -150,7 +150,7 @@ def _fitted(scene: TrueScene, name: str) -> Fitted:
 
 
 def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict[str, list[tuple[float, float]]]:
-    """Processor times (fit, apply) [s] of each removal in `rounds` rounds, after a first one that compiles the code."""
+    """Processor times (fit, apply) [s] by removal, one pair for each round. An extra first round compiles the code."""
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for turn in range(rounds + 1):
         for name in names:
@@ -164,7 +164,7 @@ def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict
 
 
 def quality(scene: TrueScene, image: Float64) -> Quality:
-    """Measure the quality of one image of a scene, (band, row, column) [W m-2 sr-1 nm-1], by its truth."""
+    """Compare an image of a scene, (band, row, column) [W m-2 sr-1 nm-1], with the truth of the scene."""
     scores, kinds = rx(np.asarray(image[:VISIBLE_BANDS], np.float64), scene.sample, threads=1), scene.kinds
     auc, found, drawn = [], [], []
     for kind in range(1, len(REFLECTANCES) + 1):

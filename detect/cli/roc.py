@@ -43,10 +43,10 @@ log = logging.getLogger(__name__)
 @click.option("-v", "--verbose", count=True, show_default=False, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
-    """Print for each detector what its SCORES find of the TRUTH: area under the ROC curve, rates of detection.
+    """Print how well the SCORES of each detector find the targets in TRUTH: area under the ROC curve, detection rates.
 
-    SCORES are rasters on one grid; higher is more anomalous, nodata is left out. TRUTH is a raster on the same grid,
-    0 or the number of an object (if all have the same number, connected pixels are an object), or polygons in GeoJSON.
+    SCORES are rasters on one grid; higher is more anomalous, nodata is left out. TRUTH is polygons in GeoJSON, or a
+    raster on the same grid: 0 or the number of an object (if all numbers are equal, connected pixels are one object).
 
     \b
     rxdetect roc scores.tif truth.tif

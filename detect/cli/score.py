@@ -97,8 +97,8 @@ def pair(kind: Callable[[str], float], name: str, example: str) -> Callable[...,
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
-    Scores of --method sea are distances from the water around, in standard deviations. Most others are squared
-    Mahalanobis distances: about the number of bands where there is no anomaly. Pixels that are not valid are NaN.
+    Scores of --method sea are distances from the water around a pixel, in standard deviations. Most other scores are
+    squared Mahalanobis distances: about the number of bands where there is no anomaly. Invalid pixels are NaN.
     OUT.json beside OUT says what was done. --objects writes what exceeds the threshold of --pfa or --false-per-km2.
 
     \b

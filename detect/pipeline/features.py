@@ -39,8 +39,8 @@ _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel o
 
 def to_wgs84(scene: Scene) -> Move | None:
     """Make the function that converts (column, row) points to (longitude, latitude) [degree].
-    It is None if the scene has no transform, or no CRS that fits the scene's middle. The function raises InputError for
-    points outside the projection of the CRS.
+    The result is None if the scene has no transform or no CRS, or if the CRS cannot convert the centre of the scene.
+    The function raises InputError for points outside the projection of the CRS.
     """
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
@@ -114,9 +114,9 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 
 
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, object]:
-    """Properties of an object: score, rates, kind; with `move` (see `to_wgs84`) also position, size [m] and bearing.
+    """Properties of an object: score, rates, kind, bearing; with `move` (see `to_wgs84`) also position and size [m].
     `kind`, `rate` [1/km2] and `real` are as in `detect.sea.search.Rated`. The score is -log10(rate), or `score_max` if
-    the rate is not known. The bearing is that of the longer side; None if the object is nearly round.
+    the rate is not known. The bearing is that of the longer side; None if the object is nearly round or without `move`.
     """
     known = math.isfinite(rate)
     numbers: dict[str, object] = {

@@ -84,12 +84,12 @@ class Plan:
 
     @property
     def unbiased(self) -> float:
-        """Ratio of the scores to scores by a covariance with the divisor n - 1; only the latter follow F with `law`."""
+        """Scores divided by this are scores of a covariance with the divisor n - 1, which follow F with `law`."""
         return 1.0 if self.window is None else (self.window.pixels - self.window.ddof) / (self.window.pixels - 1)
 
     @property
     def halo(self) -> int:
-        """Width of the margin around a tile that is read to score it [pixel], without that of the rule in `water`."""
+        """Width of the margin that is read to score a tile [pixel], without the halo of the rule in `water`."""
         return sum(part.halo for part in (self.window, self.sea, self.model) if part is not None)
 
     @property
@@ -113,7 +113,7 @@ def make_plan(
 ) -> Plan:
     """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`.
 
-    If `single`, or if a background is given, "auto" does not select "sea", which has no such background.
+    If `single` (an output needs one background for the whole scene), or with `given`, "auto" does not select "sea".
     """
     recipe, mask, sea_mask, why = _chosen(scene, recipe, threads, single or given is not None)
     notes = [why] if why else []
@@ -154,7 +154,7 @@ def make_plan(
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[Recipe, Area | None, Water | None, str]:
-    """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reason."""
+    """Replace "auto" in a recipe; return recipe, `Plan.mask`, `Plan.water`, and the reason ("" without "auto")."""
     if recipe.method != "auto":
         return *_masked(scene, recipe, threads), ""
     method, why = _without_sea(scene, recipe, single)
@@ -184,9 +184,9 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use: those of `given`, a saved background, in its order; else `recipe.bands`, or the default.
+    """0-based bands to use: those of `given`, a saved background, in that order; else `recipe.bands`, or the default.
 
-    By default "sea" uses the visible bands if two are known, else all. Raises BandError if `given` has other bands.
+    By default "sea" uses the visible bands if two are known, else all. Raises BandError if the bands of `given` differ.
     """
     own = tuple(scene.index(name) for name in given.names) if given else ()
     bands = own or tuple(range(len(scene.bands)))
@@ -224,7 +224,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
-    """Detector to use in place of "sea", and the reason: "" if "sea" is possible. `single` is as in `make_plan`."""
+    """Detector to use in place of "sea", and the reason, "" if "sea" is possible; `single` is as in `make_plan`."""
     bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
     others = {option: name for name, kind in DETECTORS.items() if name != "sea" for option in kind.options}
     for name, method in (others | {"background": "rx", "covariance": "rx"}).items():
@@ -263,7 +263,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
 
 
 def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
-    """Fit the background and the detector of a plan, or its model for "sea"; `run` is as in `fit_background`."""
+    """Return the plan with fitted background and detector, or model for "sea"; `run` is as in `fit_background`."""
     if plan.sea is not None:
         model = _fit_sea(plan, plan.sea)
         return replace(plan, model=model, glint=plan.glint if model.glint else ())

@@ -26,17 +26,17 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `global_rx.DETECTORS`, or "auto". If an option that "sea" lacks is set, "auto" selects the method that
-        has it. It selects "rx" for `threshold` "f" or "chi2", p-values, a background to save, over 16 bands, under 100
-        pixels, or no water (searched for only with the `mask` "auto" or "water"). Otherwise it selects "sea".
+        A key of `global_rx.DETECTORS`, or "auto". If an option that "sea" lacks is set, "auto" selects the method with
+        this option. It selects "rx" if `threshold` is "f" or "chi2", if p-values or a background file are requested, if
+        there are over 16 bands or under 100 pixels, or if the mask "auto" or "water" finds no water; otherwise "sea".
     window : (int, int)
         For "local": sides of the guard, and of the window around it [pixel].
     border, ddof : str, int
         For "local": as in `detect.local.local_rx`.
     covariance, ridge : str, float
-        As in `detect.background.fit`; for "sea", "lines" and "local" see `global_rx.Method.covariances`.
+        As in `detect.background.fit`; "sea" and "lines" allow only "empirical", "local" also allows "ridge".
     background : str
-        Pixels to compare with: "" (all valid ones in the mask), a GeoJSON file, raster, window, or saved background.
+        Valid pixels in the mask (""), a GeoJSON file, raster, window "column,row,width,height", or a saved background.
     bands, nir : tuple of str
         Bands to use (empty: visible bands for "sea", else all or those of the saved background), and NIR bands (for
         "residual" and the water mask), by name or 1-based number.
@@ -54,7 +54,7 @@ class Recipe:
     largest_object : (float, float)
         For "sea": length and width of the largest floating object [m].
     side : str
-        For "sea": "bright" (brighter than the water), "both" (or darker), or "auto" (depends on the size of a pixel).
+        For "sea": "bright" (brighter than the water), "both" (also darker), or "auto" (depends on the size of a pixel).
     moving : bool
         Whether to determine speed and heading of objects, from at least three bands that are not simultaneous.
     min_size, merge_distance : int, float

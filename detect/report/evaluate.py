@@ -183,7 +183,7 @@ def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Number, from 1, of the last GeoJSON feature on each pixel's centre, else 0, (row, column); adds to `notes`."""
+    """Number, from 1, of the last GeoJSON feature that contains a pixel's centre, else 0, (row, column); adds notes."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]
@@ -275,7 +275,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, object]:
-    """An `ObjectCurve` as lists and arrays (steps,); `sign` is `Request.sign`, `square_km` is the valid area [km2]."""
+    """An `ObjectCurve` as values for JSON; `sign` is `Request.sign`, `square_km` is the area of valid pixels [km2]."""
     curve = {"threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found}
     curve |= {"false_alarms": found.false_alarms, "false_alarms_per_km2": found.false_alarms / square_km}
     table = [asdict(replace(o, score_max=sign * o.score_max, score_mean=sign * o.score_mean)) for o in found.objects]

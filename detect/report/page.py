@@ -175,7 +175,7 @@ def object_curves(found: Evaluation) -> Figure:
 
 
 def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
-    """Reduce scores, (row, column), for display to the maximum of each square block; return also its side [pixel].
+    """Reduce scores, (row, column), to the maximum of each square block; return maxima and side of a block [pixel].
 
     With the maximum, small targets remain visible. A block without a `valid` score is NaN.
     """
@@ -187,7 +187,7 @@ def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
 
 
 def scene(d: Judged, found: Evaluation) -> Figure:
-    """Plot a detector's scores, boxes around objects (dashed: not found at `worst_at`), and its worst false alarms."""
+    """Plot a detector's scores, its worst false alarms, and objects in boxes (dashed: not found at `d.worst_at`)."""
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape

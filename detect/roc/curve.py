@@ -191,8 +191,8 @@ class Roc:
         Returns
         -------
         dict
-            d_tau, f_tau: areas under Pd(tau) and Pfa(tau) (eq. 18, 19), where scores and tau are scaled to 0..1: these
-            are the mean scores of targets and background. d_tau_trapezoid, f_tau_trapezoid: by the trapezoid rule.
+            d_tau, f_tau: areas under Pd(tau) and Pfa(tau) (eq. 18, 19), with scores and tau scaled to 0..1. They equal
+            the mean scores of targets and background. d_tau_trapezoid, f_tau_trapezoid: areas by the trapezoid rule.
             td = auc + d_tau, bs = auc - f_tau, tdbs = d_tau - f_tau, od = auc + d_tau - f_tau, snpr = d_tau / f_tau.
             All measures depend on the lowest and the highest score: use them only to compare detectors on one scene.
         """

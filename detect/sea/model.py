@@ -2,11 +2,11 @@
 
 At every scale s, y is the mean of each band over s x s pixels of the sea, so that an object fills this square at one of
 the scales. For each band, m and v are the means of the water and of (y - m)^2 in a large window around the pixel, z is
-(y - m) / sqrt(v), and R the correlation matrix of z over the water. The distance is sqrt(z' R^-1 z). It is normalised
-by the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales,
-in the unit of the distance at the smallest scale, and is divided as `GlintScale` says, if there is one. Pixels of water
-with a large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
-the statistics are computed again.
+(y - m) / sqrt(v), and R the correlation matrix of z over the water. The distance is sqrt(z' R^-1 z). The distances of
+each scale are normalised linearly: median and 99.9 % quantile over the water become those of the smallest scale. The
+score is the maximum over the scales, divided by the divisor of the `GlintScale` if there is one. Pixels of water with a
+large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and the
+statistics are computed again.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ class GlintScale:
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
-        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side` is the field."""
+        """Fit to blocks of NIR, (band, row, column), scores and water, (row, column); `side` is as in `nearby`."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
         flat = cls(centre, spread, side, np.zeros(1), np.ones(1))
@@ -130,7 +130,8 @@ def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, 
 
     `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by
     default. Otherwise, or if `pixel` is None, there is one scale, and `side` is "bright" by default. `nir`, the NIR of
-    every block before glint removal, (band, row, column), is used only below 5 m, because a boat fills a larger pixel.
+    every block before glint removal, (band, row, column), is used only below 5 m. A boat that fills a larger pixel is
+    itself bright in the NIR.
     Raises NoWaterError if fewer than 100 pixels are water, and InputError if `side` is not allowed.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
@@ -178,9 +179,9 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 
 
 class _Block:
-    """A block `x` in robust standard deviations, (band, row, column), its `means` at every scale, and its masks.
+    """A block `x` in robust standard deviations of water, (band, row, column), its `means` at every scale, and masks.
 
-    Masks: `sea`: water, rim, objects; `water`: water, rim; `dim`: `water` with means (largest scale) within +-30.
+    `sea` is True at water, rim, objects; `water` at water, rim; `dim` at `water` with largest-scale means within +-30.
     """
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
@@ -195,13 +196,13 @@ class _Block:
         self.dim = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self, used: Mask) -> tuple[Array, Array]:
-        """Mean of `x` over `used` pixels in a window around each pixel, (band, row, column), and their number."""
+        """Mean of `x` over `used` pixels in a window, (band, row, column), and number of these, (row, column)."""
         count = box_sum(used.astype(np.float32), SEA_WINDOW)
         total = np.stack([box_sum(np.where(used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
 
     def standardised(self, used: Mask, variance: Float64) -> list[Array]:
-        """Standardised contrast z, (band, row, column), of each scale; `variance`, (scale, band), is of all water."""
+        """Contrast z to `used` pixels at each scale, (band, row, column); `variance`, (scale, band), of all water."""
         mean, count = self.local(used)
         out = []
         for means, whole in zip(self.means, variance, strict=True):
@@ -212,7 +213,7 @@ class _Block:
         return out
 
     def typical(self, used: Mask, model: SeaModel) -> Mask:
-        """`water` without 5 x 5 pixels around each pixel with a large `_distance` from `used` at the largest scale."""
+        """`water` without 5 x 5 pixels around pixels with large `_distance` from `used` pixels at the largest scale."""
         z = self.standardised(used, model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         return self.water & ~grown(far, 5)
@@ -240,9 +241,8 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 
 
 def _learn(parts: Sequence[_Block], used: Sequence[Mask], water: Sequence[Mask], model: SeaModel) -> SeaModel:
-    """Return the model with statistics of pixels in the masks `used`: variance and whitening matrix at every scale.
-
-    It also has at every scale the 99.9 % quantile of the distance in `water`, and its median in water and rim.
+    """Return the model with new statistics at every scale: variance and whitening matrix of pixels in the masks `used`,
+    99.9 % quantile of the distance of pixels in the masks `water`, and median of the distance of water and rim.
     """
     variance = np.zeros_like(model.variance)
     total = max(sum(int(u.sum()) for u in used), 1)

@@ -69,7 +69,7 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
 
     WATER is open water, RIM is water next to land. AFLOAT are holes that a ship may fill, ATTACHED are such holes next
     to land or the edge of the image, and ALONGSIDE are protrusions of land with the shape of a ship. The rest is
-    NOT_SEA. Pixels that are neither in `water` nor `valid` are not land.
+    NOT_SEA. Pixels that are neither in `water` nor `valid` are NOT_SEA, but do not count as land.
     """
     water = np.asarray(water, np.bool_)
     land = ~water if valid is None else ~water & valid

@@ -140,7 +140,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _round(found: Object, low: float) -> bool:
-    """Whether a candidate is wider than the blur, and elongated at no contour; its pixels exceed the score `low`."""
+    """Whether a candidate is wide and not elongated at each contour; False if no contour exceeds `low` of `Clutter`."""
     if found.score_max * max(_CONTOURS) <= low:
         return False
     values = np.zeros(found.footprint.shape)
@@ -173,7 +173,7 @@ class Rated(NamedTuple):
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
     """`Rated` objects by ascending `rate`, which is multiplied by `strata`, the number of object kinds.
 
-    A "round" object may be a cloud, and clouds are many: all other `Clutter.clouds`, dim or bright, count as false.
+    A "round" object may be a cloud. Therefore, its rate counts all other round candidates (`Clutter.clouds`) as false.
     """
     found = sorted(found, key=lambda o: -o.score_top)
     kinds = ["round" if o.peak in clutter.clouds else "afloat" for o in found]
@@ -195,7 +195,7 @@ class Search:
     Attributes
     ----------
     scores : (row, column) ndarray of float32
-        Distance from the water around [standard deviation]; NaN on land, in water next to land, and where not valid.
+        Distance from the water around a pixel [standard deviation]; NaN on land, next to land, and where not valid.
     classes : (row, column) ndarray of uint8
         Class of each pixel, from `detect.sea.region`.
     objects : list of dict
