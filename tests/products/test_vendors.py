@@ -180,6 +180,12 @@ def test_several_captures_say_what_to_name(vendor, sea, tmp_path, caplog):
     assert not any("registered to each other" in n for n in alone.notes)
 
 
+def test_a_capture_is_named_by_the_bands_that_it_keeps(vendor, sea, tmp_path):
+    vendor.micasense(tmp_path, sea())
+    vendor.raster(tmp_path / "IMG_0192_6.tif", sea()[3].astype("uint16"), placed=False)  # without XMP
+    assert deglint.open_scene(tmp_path).product == "MicaSense RedEdge-M IMG_0192"
+
+
 def test_a_mosaic_is_named_by_its_xmp_unless_the_file_names_its_bands(vendor, sea, tmp_path):
     path = vendor.mosaic(tmp_path, sea())
     scene = deglint.open_scene(path)

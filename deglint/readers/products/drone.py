@@ -45,8 +45,6 @@ def find(container: Container) -> Product | None:
 
     Returns None if there is none, or if the user named a single file (see `with_xmp`). Raises InputError for several.
     """
-    if container.named is not None:
-        return None
     captures: dict[str, list[str]] = {}
     for member, match in container.matches(IMAGES):
         captures.setdefault(str(PurePosixPath(member).parent / match["capture"]), []).append(member)
@@ -65,13 +63,14 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
     bands, left, notes = [], [], list[str]()
     facts: Facts = {}
     for info in infos:
-        facts = facts_of(info)
-        found, corrected = bands_of(info, facts)
+        own = facts_of(info)
+        found, corrected = bands_of(info, own)
         if len(found) != 1:
             continue
         if (found[0].wavelength or 0.0) > THERMAL or found[0].name.casefold() in ("lwir", "panchro"):
             left.append(found[0].name)
         else:
+            facts = own
             bands += found
             notes += corrected
     if not bands:
