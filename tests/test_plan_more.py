@@ -341,6 +341,15 @@ def test_hatching_is_where_the_masks_are(band):
         np.testing.assert_array_equal(out, plan.by_band[k] == 0)
 
 
+def test_hatching_is_where_the_masks_are_if_no_probability_of_glint_is_allowed():
+    low_sun = Mission(sun_zenith=75.0, sun_azimuth=180.0, wind=7.0, step=2.0, limits=Limits(glint_probability=0.0))
+    plan = reticle(low_sun)
+    _, patterns = layers(plan)
+    tiny = (plan.glint_probability > 0) & (plan.glint_probability < 1e-30)
+    assert tiny.any()
+    np.testing.assert_array_equal(np.any([excess > 0 for excess, _, _ in patterns], axis=0), plan.excluded)
+
+
 def test_a_mission_survives_its_tables():
     air = atmosphere.Air(visibility=12.0, humidity=60.0)
     made = replace(BAY, air=air, limits=Limits(glint=2e-4, tolerance=1.0), bands=("BLUE", "GREEN"), depth=8.0)

@@ -94,8 +94,7 @@ def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -
 
 def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best: bool) -> None:
     contrast, patterns = layers(plan)
-    good = contrast * np.all([excess <= 0 for excess, _, _ in patterns], axis=0)
-    sky_disc(canvas, centre, _SMALL, plan, contrast / max(float(good.max()), 1e-9), patterns)
+    sky_disc(canvas, centre, _SMALL, plan, contrast / max(float(plan.combined.max()), 1e-9), patterns)
     if (best := moment.geometry) is not None:
         star(canvas, polar(centre, _SMALL, best.zenith, best.azimuth, plan.mission.widest), 8.0)
     colour = MAGENTA if is_best else INK

@@ -84,6 +84,7 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[draw.Values, list[Pa
         if limits.glint_probability is not None:
             shares = np.maximum(plan.glint_probability, 1e-30) / max(limits.glint_probability, 1e-30)
             glint = np.maximum(glint, np.log(shares))
+    glint = np.where(plan.clear_of_glint, np.minimum(glint, 0.0), np.maximum(glint, 1e-9))
     faint = np.where(plan.detectable, np.minimum(faint, -1e-9), np.maximum(faint, 1e-9))
     sky = plan.sky_probability - limits.sky_probability
     if band is None:  # root sum square of the bands that are detectable and clear of sky glint

@@ -40,9 +40,7 @@ class Skylight:
     does not interpolate. Sums include the azimuth opposite the sun, where the bright reflection of the sky is narrow.
     """
 
-    def __init__(
-        self, zenith: Floats, azimuth: Floats, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
-    ) -> None:
+    def __init__(self, zenith: Floats, azimuth: Floats, sun: tuple[float, float], wind: Wind, *, model: str) -> None:
         nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
         step, opposite = 360.0 / AZIMUTHS, sun[1] + 180.0
         around = opposite + step * np.arange(AZIMUTHS)
