@@ -35,7 +35,7 @@ def eroded(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
 
 
 def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
-    """Opened mask (row, column): True in `side` x `side` squares around a pixel whose part in the image is all True."""
+    """Opened mask (row, column): True in the `side` x `side` squares, centred on a pixel, that have no False pixel."""
     import cv2
 
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)

@@ -126,7 +126,7 @@ class Part:
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
         """Estimate the background from all pixels of the part; parameters and errors are as in `fit`."""
-        moments = Part.merge([self]).cells.by_place().total()
+        moments = self.cells.by_place().total()
         if (n := moments.n) < 2:
             raise FitError(
                 f"the background holds {n} valid pixel{'s' * (n != 1)}, need at least 2, and more than there are bands "

@@ -300,8 +300,8 @@ def _too_small(sample: Sample) -> bool:
 
 
 def without_ships(sample: Sample) -> Sample:
-    """The sample without ships (pixels far brighter than the water around) and pixels near them: a recipe that erases
-    ships would get too small an expected error. Do not use it for fine pixels: there, sparkle is as bright as ships.
+    """The sample without ships (pixels far brighter than the water around) and pixels near them. With ships in it, a
+    recipe that erases them would get too small an error. Not for fine pixels, where sparkle is as bright as ships.
     If a band has too many bright pixels for ships (`OFTEN`), they are glint and remain. A small sample is not changed.
     """
     inside = list(sample.inside)

@@ -8,8 +8,8 @@ The columns of F_k are a spectrum with probability w_k (smooth, or with one or t
 is the power of 2 nearest to the largest excess. V_k is the variance of noise, of texture of the water (a bottom) and of
 the non-smooth part of the spectrum; h is the standard deviation of the water that a target hides. Sparkle changes from
 band to band; its probabilities p come from histograms of the scene, and include flashes that last. A score is the sum
-of S over 3 x 3 pixels plus the log likelihood ratio of a common outline. A pixel with S > 0 belongs to a target if its
-score or that of a neighbour exceeds a threshold, which follows from a false-alarm rate and is higher if sparkle lasts.
+of S over 3 x 3 pixels plus the log likelihood ratio of an outline common to all bands. A pixel with S > 0 belongs to a
+target if its score or that of a neighbour exceeds a threshold, which a false-alarm rate and lasting sparkle determine.
 
 Without band delays there is no test, as the spectrum of sparkle is as smooth as that of paint. The test fails for
 targets that move by more than a quarter of their width from the first to the last band, for most coloured targets of
@@ -92,7 +92,7 @@ class Targets:
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Set `State.targets`; without background, subtract it from the image. Change nothing if `reason` is set."""
+        """Set `State.targets`; if there is no background, also subtract them from the image. No change if `reason`."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)

@@ -83,7 +83,7 @@ class _Local(NamedTuple):
 
 
 def away_from_shore(mask: Mask) -> Mask:
-    """Reduce a water mask (row, column) to squares of `SHORE` x `SHORE` water pixels; the edges may cut squares off.
+    """Reduce a water mask (row, column) to squares of `SHORE` x `SHORE` water pixels; pixels outside it do not count.
 
     >>> lake = np.zeros((20, 20), bool)
     >>> lake[2:14, 2:14] = lake[16:, :4] = True
@@ -141,7 +141,7 @@ def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
     """Mask (row, column), True in the deep-water sample. Cost: 90 ns per pixel, much less without water.
 
-    block : (band, row, column), same unit as for `fit_sample`; NaN is not valid. A tile needs a margin of `rule.halo`.
+    block : (band, row, column) as for `fit_sample`; NaN marks invalid pixels. A tile needs `rule.halo` more pixels.
     """
     mask = water(block, rule.water)
     return _select(block, mask, _local(block, mask, rule), rule) if mask.any() else mask
@@ -238,7 +238,7 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 
 
 def _even(local: _Local, rule: SampleRule) -> Mask:
-    """Mask, True where the residual in `local` is at most `MAX_RESIDUAL` times that typical of such a NIR variance."""
+    """Mask, True where the residual is at most `MAX_RESIDUAL` times the usual residual at the same NIR variance."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 

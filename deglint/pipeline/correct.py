@@ -196,7 +196,7 @@ class Correction:
             clean = with_targets(state)[core]
             for band, place in changes.items():
                 place[within] = where if band in removed else replaced[within][band] | targets[within]
-                np.copyto(physical[within][band], clean[band], where=place[within], casting="same_kind")
+                np.copyto(physical[within][band], clean[band], where=place[within])
         changes = done.changes | {band: place for band, place in changes.items() if place.any()}
         return Corrected(physical, changes, replaced, targets, errors)
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 CRS = "EPSG:32610"  # of every scene: UTM zone 10 north
 CORNER = 600_000.0, 4_070_000.0  # upper left corner of every scene [m], at sea off California
-SIMULATED_UNIT = "W m-2 sr-1 nm-1"  # of radiance
 Content = bytes | Mapping[str, object] | Callable[[Path], None]
 """Content of a file: bytes, values for JSON, or a function that writes the file with a given path."""
 _SIGNED = {"software": f"deglint {__version__}"}
@@ -84,7 +83,7 @@ def layers_of(scene: "SimulatedScene") -> dict[str, Layer]:
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
-    radiance: dict[str, Any] = {"units": (SIMULATED_UNIT,) * len(names), "band_tags": tags}
+    radiance: dict[str, Any] = {"units": ("W m-2 sr-1 nm-1",) * len(names), "band_tags": tags}
     numbers = radiance | {"scales": tuple(sensor.scale(b) for b in sensor.bands), "tags": _tags(setup)}
     truth = "radiance out of the water {}, without sun glint{} and noise, through the same optics"
     glint = f"1 where glint exceeds {setup.glint_threshold:g} of the radiance without it"

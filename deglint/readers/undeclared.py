@@ -210,7 +210,7 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """Return `found`, with Sentinel-2's offset if values in `blocks` include it, or with a note if they may do so."""
+    """Return `found`, with the offset of Sentinel-2 if values in `blocks` show it, or a note if they may have it."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     waves = [b.wavelength or 0.0 for b in scene.bands]
     least = min(f for f, w in zip(floors, waves, strict=True) if w)

@@ -68,7 +68,7 @@ def _harmless(ready: Prepared, plain: list[FloatArray], more: tuple[int, ...]) -
     """
     shorter = [k for k, band in enumerate(ready.request.correct) if band not in more]
     inside, longer = [t.sample for t in ready.tiles], _predicted(ready, more)
-    if not plain or not longer or not shorter or not any(m.any() for m in inside):
+    if not plain or not longer or not shorter:
         return False
     parts: list[FloatArray] = []  # (part, band, pixel) of each tile
     less_glint: list[Mask] = []  # (pixel,) of each tile

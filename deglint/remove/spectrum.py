@@ -1,4 +1,4 @@
-"""Spectrum of sun glint, toward which slopes are shifted, and which limits the possible NIR of the water."""
+"""Spectrum of sun glint relative to the NIR. Slopes of bands on the NIR, as fitted, are shifted toward it."""
 
 from typing import NamedTuple
 

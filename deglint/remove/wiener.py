@@ -182,7 +182,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Positions of a tile's squares, (square, 2); mask (square,), True if the second kernel of `pair` is better."""
+    """Places of a tile's squares, (square, 2); mask (square,), True if the second kernel of `pair` fits better."""
     cleaned = _cleaned(tile, request, rules)
     grams = _gathered(band_sets(request)[0], [cleaned], [_kernel_planes(cleaned, cleaned.sample, request)])
     return grams.places, second_is_better(grams, pair)
@@ -359,7 +359,7 @@ def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequen
 
 
 def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned], request: FitRequest) -> GlintModel:
-    """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
+    """The model with levels, from `of_glint` by `shared_level`, their error, floors, and a warning if uncertain."""
     every = np.array([f.slope for f in model.fits])
     some = np.flatnonzero(every)  # bands without glint are not changed
     slopes, of_glint = every[some], of_glint[some]

@@ -73,9 +73,9 @@ def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower"
     return Number(centre, max(centre - half, 0.0), min(centre + half, most), unit, better)
 
 
-def timed(values: Sequence[float], unit: str = "s") -> Number:
-    """Median and range of repeated timings, in `unit`."""
-    return Number(median(values), min(values), max(values), unit, exact=False)
+def timed(values: Sequence[float]) -> Number:
+    """Median and range of repeated timings [s]."""
+    return Number(median(values), min(values), max(values), "s", exact=False)
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, object], refused: Mapping[str, str]) -> dict[str, object]:

@@ -115,7 +115,7 @@ class Results:
 
 
 def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int], None]) -> Results:
-    """Measure all removals on simulated scenes, written to `directory`; progress(stage, done, total) is called."""
+    """Measure all removals on scenes that are simulated in `directory`; progress(stage, done, total) is called."""
     results, seas = Results(effort), [(wind, seed) for wind in effort.winds for seed in range(effort.seeds)]
     for step, (wind, seed) in enumerate(seas):
         progress(f"wind {wind:g} m/s", step, len(seas) + 1)

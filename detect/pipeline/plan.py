@@ -184,9 +184,8 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use: those of `given`, a saved background, in that order; else `recipe.bands`, or the default.
-
-    By default "sea" uses the visible bands if two are known, else all. Raises BandError if the bands of `given` differ.
+    """0-based bands to use: those of `given`, a saved background, in that order; else `recipe.bands`; by default all,
+    but only the visible ones for "sea" if two are known. Raises BandError if `given` has other bands than the recipe.
     """
     own = tuple(scene.index(name) for name in given.names) if given else ()
     bands = own or tuple(range(len(scene.bands)))

@@ -166,7 +166,7 @@ class Outputs:
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """Paths of the files to be written; if the folder of pictures exists, only that of object 1 is included."""
+        """Paths of the files to be written; of the pictures only the first, and only if their folder exists already."""
         style = self.objects.with_suffix(".qml") if self.objects and self.objects.suffix.lower() == ".gpkg" else None
         picture = self.chips / PICTURE.format(1) if self.chips and self.chips.is_dir() else None
         extra = (self.p_value, self.flags, self.objects, self.background, style, picture)

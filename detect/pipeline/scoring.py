@@ -131,7 +131,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 
 def _count(scores: Float32, mask: Mask | None, states: Uint8) -> PixelCounts:
-    """Count the pixels of a tile by result; `mask` (False: masked out) may be None; `states` are of `score_part`."""
+    """Count the pixels of a tile by state; `mask` (False: masked out) may be None; `score_part` returns `states`."""
     scored = int(np.count_nonzero(np.isfinite(scores)))
     outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))

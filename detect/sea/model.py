@@ -242,7 +242,7 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 
 def _learn(parts: Sequence[_Block], used: Sequence[Mask], water: Sequence[Mask], model: SeaModel) -> SeaModel:
     """Return the model with new statistics at every scale: variance and whitening matrix of pixels in the masks `used`,
-    99.9 % quantile of the distance of pixels in the masks `water`, and median of the distance of water and rim.
+    99.9 % quantile of the distance in the masks `water`, and median of the distance in `_Block.water`.
     """
     variance = np.zeros_like(model.variance)
     total = max(sum(int(u.sum()) for u in used), 1)
