@@ -19,7 +19,7 @@ import deglint as library
 from deglint import Recipe, fit_scene, open_scene, remove_glint
 from deglint.errors import InputError
 
-from .common import PLACE, PLAIN, RUN
+from .common import PLACE, PLAIN, RUN, says
 
 SLOPES = (1.1, 1.0, 0.9)
 
@@ -229,6 +229,18 @@ def test_of_a_saved_model_the_named_bands_are_used(deglint, sea, write, read, tm
         ran = deglint(*again, *options, "--overwrite")
         assert ran.code == 1
         assert said in ran.err
+
+
+def test_of_a_saved_model_with_stages_the_named_bands_are_used(deglint, sea, write, read, tmp_path):
+    source, model, out = write(tmp_path / "in.tif", sea()), tmp_path / "model.json", tmp_path / "out.tif"
+    stages = ("--method", "wiener", "--compensate", "remove, posterior", "--mask", "none")
+    assert deglint("remove", source, tmp_path / "all.tif", *stages, "--save-model", model).code == 0
+    again = ("remove", source, out, "--mask", "none", "--model", model)
+    assert deglint(*again, "-b", "green").code == 0
+    expected = sea()
+    expected[1] = read(tmp_path / "all.tif")[1]
+    np.testing.assert_array_equal(read(out), expected)
+    assert says(deglint(*again, "-b", "nir", "--overwrite").err, "does not correct nir", "-b")
 
 
 @pytest.mark.slow

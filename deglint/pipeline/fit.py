@@ -89,7 +89,7 @@ def fit_scene(
     progress : callable, optional
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     run : callable
-        Function that processes tiles of the sample for methods that use each pixel alone: `tiles.run` or `Cluster.run`.
+        Function that processes the sample tiles for a pointwise method (no neighbours): `tiles.run` or `Cluster.run`.
 
     Returns
     -------
@@ -202,9 +202,9 @@ def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
     """Make a `Fitted` for this scene from a saved model and its `chain` (not used if `recipe.compensate` is "off").
 
-    Without a chain, only `recipe.bands` (empty: all bands of the model) are corrected. Raises InputError if the model
+    Only `recipe.bands` (empty: all bands of model and chain) are corrected. Raises InputError if the model
     or chain does not suit this scene or the bands, NIR, method or stages of the recipe; NoWaterError if the mask is
-    "auto" and no water is found. All other options of the recipe are ignored, and `Fitted.recipe` does not have them.
+    "auto" and no water is found. All other options of the recipe are ignored and not copied to `Fitted.recipe`.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()
@@ -224,10 +224,11 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     if nir and nir != set(model.index_bands):
         own = ", ".join(scene.names[b] for b in model.index_bands)
         raise InputError(f"the model takes the glint from {own}: leave out --nir, or fit without --model.")
-    if wanted and not chain.runs:
+    if wanted and not chain.replaces:
         if missing := ", ".join(scene.names[b] for b in sorted(wanted - {f.band for f in model.fits})):
             raise InputError(f"the model does not correct {missing}: leave it out of -b, or fit without --model.")
-        model = replace(model, fits=tuple(f for f in model.fits if f.band in wanted))
+        if not chain.runs:  # stages use all bands
+            model = replace(model, fits=tuple(f for f in model.fits if f.band in wanted))
     used = Recipe(mask=recipe.mask, nir=recipe.nir, bands=recipe.bands, compensate=chain.text or "off")
     resolved = replace(used, method=model.method, regression=model.regression or "auto", sample="none")
     fitted = Fitted(model, resolved, chain=chain)
