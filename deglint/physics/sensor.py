@@ -24,7 +24,7 @@ LIGHT_SPEED = 299792458.0  # speed of light [m/s]
 class SensorBand(Checked):
     """One band of a sensor: name, lower and upper edge [nm], full-scale radiance [W m-2 sr-1 nm-1], time offset [s].
 
-    The full-scale radiance fills a pixel to its full-well capacity; the exposure time follows from it. The time offset
+    The exposure time is such that the full-scale radiance fills a pixel to its full-well capacity. The time offset
     is counted from the recording of the earliest band. Raises InputError for a value out of range, or if low > high.
     """
 
@@ -54,10 +54,11 @@ class SensorBand(Checked):
 class Sensor(Checked):
     """Optics, detector and bands of a sensor. Raises InputError for a value out of range, BandError if it has no band.
 
-    `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length over diameter
-    of the aperture, `well` the full-well capacity [electrons], and `bits` the number of bits of a digital number, 1 to
-    16. `smear` is the motion during the exposure, along the columns of the image [pixel]. Standard deviations are
-    `jitter` (line of sight, along each axis [pixel]) and `read_noise` [electrons]; `dark_current` is in electrons/s.
+    `gsd` is the side of a pixel on the sea [m], `pitch` that on the detector [m], `f_number` focal length over aperture
+    diameter, `well` the full-well capacity [electrons], `bits` the number of bits of a digital number, 1 to 16. `smear`
+    is the motion along the image columns during the exposure [pixel], `jitter` the standard deviation of the line of
+    sight along each axis [pixel], `read_noise` that of the read noise [electrons]. `quantum_efficiency` is in electrons
+    per photon, `transmission` is that of the optics [1], and `dark_current` is in electrons/s.
     """
 
     name: str
@@ -92,7 +93,12 @@ class Sensor(Checked):
         raise BandError(f"no band {name!r} in {self.name}; it has {', '.join(b.name for b in self.bands)}")
 
     def exposure(self, band: SensorBand) -> float:
-        """Exposure time [s] in which the full-scale radiance of the band fills the full-well capacity."""
+        """Exposure time [s] in which the full-scale radiance of the band fills the full-well capacity.
+
+        Raises InputError if the band has no width.
+        """
+        if not band.width:
+            raise InputError(f"band {band.name} of {self.name} is 0 nm wide, and gets no light. Give low < high.")
         return self.well / float(electrons(band.full_scale, self, band, exposure=1.0))
 
     def scale(self, band: SensorBand) -> float:
@@ -152,7 +158,7 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
 
     ``M = mtf_diffraction(|v| / cutoff) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, with
     ``|v|**2 = v_r**2 + v_c**2``, the smear d and the jitter s in pixels, and ``sinc(x) = sin(pi x) / (pi x)``.
-    It is 1 at zero frequency, and may be negative where v_r or v_c is above 1, or v_r above 1 / d [cycles/pixel].
+    M is 1 at zero frequency, and may be negative where v_r or v_c is above 1, or v_r above 1 / d [cycles/pixel].
 
     Parameters
     ----------
@@ -175,8 +181,7 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
 def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Floats:
     """Point spread function (PSF): share [1] of the light of a point source that each pixel receives, (size, size).
 
-    The point source is at the centre of the central pixel. The sum of the shares is 1, since light that falls beyond an
-    edge is added at the opposite edge.
+    The source is at the centre of the central pixel. Light beyond an edge is added at the opposite edge: the sum is 1.
 
     Parameters
     ----------

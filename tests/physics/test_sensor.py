@@ -214,6 +214,7 @@ def test_a_shift_looks_further_down_and_right():
         (lambda: replace(GREEN, full_scale=0.0), InputError, "full_scale ... 1e-09 to"),
         (lambda: replace(GREEN, low=np.inf), InputError, "low ... 1 to 1e+06 nm ... inf"),
         (lambda: replace(GREEN, high=500), InputError, "band green must have low <= high ... 510, 500 nm"),
+        (lambda: THESIS.exposure(replace(GREEN, high=GREEN.low)), InputError, "band green ... 0 nm wide"),
         (lambda: Sensor(name="x", bands=(), gsd=1.0, f_number=4.0, pitch=8e-6), BandError, "no bands"),
         (
             lambda: band_means([SensorBand(name="B11", low=1565, high=1655, full_scale=1.0)]),
