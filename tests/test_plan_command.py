@@ -214,7 +214,7 @@ def test_an_uncertain_wind_and_a_flight_line(deglint, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"a.png", "b.png"}
 
 
-def test_a_page_without_a_time_starts_by_day(deglint, monkeypatch):
+def test_a_page_without_a_time_starts_by_day(deglint, monkeypatch, tmp_path):
     started = []
     monkeypatch.setattr("deglint.plan.serve.serve", lambda mission, **_: started.append(mission))
     for longitude in ("-122", "58"):  # it is night at one of them, or nearly so
@@ -223,6 +223,8 @@ def test_a_page_without_a_time_starts_by_day(deglint, monkeypatch):
         assert "the next daylight" in ran.err
     assert all(mission.sun[0] < 80 for mission in started)
     assert deglint("plan", *PLACE, "--serve").err == ""
+    (tmp_path / "m.toml").write_text('[place]\nlatitude = 36.8\nlongitude = -122.0\ntime = "2026-06-21T18:00Z"\n')
+    assert deglint("plan", "--mission", tmp_path / "m.toml", "--serve").err == ""
     assert str(started[-1].moment) == "2026-06-21T18:00:00"
 
 

@@ -36,7 +36,7 @@ PLACES: dict[str, str] = {}  # for each option made by `setting`, the "table.key
 
 
 def setting(option: str, place: str, unit: str | None, said: str, kind: type | click.ParamType = float) -> Decorator:
-    """Make an option that sets `place`, the "table.key" of a mission file. Its type is `kind`, by default a number."""
+    """Make an option of type `kind` for `place`, a "table.key" of a mission file; `--help` shows `unit` and `said`."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=kind, metavar=unit, help=said)
 
@@ -138,8 +138,8 @@ def plan(**given: Any) -> None:
     kinds = (".png", ".json", ".nc", ".tif") if mode is planning.one_reticle else (".png", ".json")
     check_plan(given["outs"], kinds, reads, overwrite=given["overwrite"])
     tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
-    mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
     with Console(given) as console:
+        mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
         for line in planning.assumed(given, tables, mission) if mode is not planning.page else []:
             log.info(line)
         mode(given, mission, console)

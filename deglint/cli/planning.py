@@ -65,6 +65,7 @@ def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[
         place["time"] = f"{sweep.highest_sun(place['latitude'], place['longitude'], _times(given))}Z"
     elif mode is page and "time" not in place:
         place["time"] = f"{sweep.next_daylight(place['latitude'], place['longitude'])}Z"
+        log.info("the page starts at %s, in the next daylight; --time gives another time.", place["time"])
     return {**tables, "place": place}
 
 
@@ -122,14 +123,12 @@ def page(given: Given, mission: Mission, _console: Console) -> None:
     """Serve a web page with sliders that change the plan, until the user presses Ctrl-C."""
     from ..plan.serve import serve
 
-    if mission.moment is not None and not given["time"]:
-        log.info("the page starts at %sZ; without --time that is in the next daylight.", mission.moment)
     port = PORT if given["port"] is None else given["port"]
     serve(mission, port=port, say=log.info, browser=not given["no_browser"])
 
 
 def assumed(given: Given, tables: Tables, mission: Mission) -> list[str]:
-    """Lines for the log: times, time zones and winds that are assumed as none is given, and warnings of the mission."""
+    """Lines for the log: times, time zones and winds that are assumed if none is given, and warnings of the mission."""
     out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
