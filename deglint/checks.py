@@ -27,7 +27,7 @@ def nearest(word: str, known: list[str]) -> str:
 
 
 def checked_keywords(*more: str) -> Callable[[Callable[Args, T]], Callable[Args, T]]:
-    """Make a decorator that raises TypeError for an unknown keyword; the message has a similar keyword, or lists all.
+    """Make a decorator that raises TypeError for an unknown keyword; the message names a similar one, or lists all.
 
     `more` are keywords that the function accepts through ``**``.
     """

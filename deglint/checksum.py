@@ -83,7 +83,7 @@ def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, object]]) -> bo
 
 
 def is_as(path: str | Path, said: Mapping[str, object]) -> bool:
-    """True if a file has the size, and the time or CRC-32, in `said`; or if it is missing and `said` has no size."""
+    """True if a file has the size, and the time or CRC-32, of `said`; or if it is missing and `said` has no size."""
     stamp = _stamp(path)
     if stamp is None:
         return said.get("bytes") is None

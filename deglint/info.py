@@ -36,8 +36,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     Returns
     -------
     dict
-        Properties of the file, and nir, valid_fraction, water_fraction, r2, slopes, glint_level (median of the sample),
-        suggested_method, reason, choice and tried (candidates), notes. Unknown values are None; reason, notes say why.
+        File properties, nir (names), valid_fraction, water_fraction, r2, slopes, glint_level (median glint in the NIR),
+        suggested_method, choice and tried (candidates), reason, notes. Unknown values are None; reason, notes say why.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe, threads = recipe or Recipe(), tiling.default_threads(threads)

@@ -90,7 +90,7 @@ class CellMoments(NamedTuple):
     def joined(self, levels: int) -> CellMoments:
         """In each row of cells, merge groups of 2**levels neighbouring cells, counted from the left edge of the scene.
 
-        No cell may occur twice. In a group, cells are merged in pairs; a single one is copied. The result is row-major.
+        No cell may occur twice. Cells of a group are merged in pairs; a single cell is copied. The result is row-major.
         """
         out = self.by_place()
         for level in range(1, levels + 1):  # a group of 2**level columns has at most two cells left
@@ -115,7 +115,7 @@ class CellMoments(NamedTuple):
         return merged if even == len(self.n) else CellMoments.concatenate([merged, self.where(slice(even, None))])
 
     def where(self, chosen: npt.NDArray[Any] | slice) -> CellMoments:
-        """The cells that `chosen` selects; it is an array of indexes, a slice, or a mask (cell,)."""
+        """Select cells; `chosen` is an array of indexes, a slice, or a mask (cell,)."""
         return CellMoments._make(values[chosen] for values in self)
 
     def total(self) -> Moments:

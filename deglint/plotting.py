@@ -67,6 +67,6 @@ def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.ui
 
 
 def level(image: npt.NDArray[Any], percent: float) -> npt.NDArray[np.float64]:
-    """A percentile of each band of an image (band, row, column), over its valid pixels; 0 if a band has none."""
+    """Percentile `percent` of each band's valid pixels, (band,), in an image (band, row, column); 0 if it has none."""
     found = [band[np.isfinite(band)] for band in image]
     return np.array([np.percentile(values, percent) if values.size else 0.0 for values in found])

@@ -127,7 +127,7 @@ def _table() -> dict[str, Sensor]:
 
 
 def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
-    """Make the sensor `name` from `entry`, its table in `sensors.toml` or in a user's file, already checked."""
+    """Make the sensor `name` from `entry`, its checked table of `sensors.toml` or of a user's file."""
     values = {"width_status": entry["wavelength_status"], **entry, "name": name}
     time_status = {"time_status": entry.get("time_status", UNVERIFIED)}
     values["bands"] = [(time_status if "time_offset" in band else {}) | band for band in entry["bands"]]

@@ -105,7 +105,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least one or, if too large, `side`."""
+    """Largest multiple of lcm(`CELL`, `block`) up to `side`; without one, this lcm or, if it is too large, `side`."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -139,7 +139,7 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
 
 
 def default_threads(threads: int | None = None) -> int:
-    """`threads`, by default the number of processors that this process may use; InputError unless it is 1 to 1024."""
+    """`threads` or, if None, the number of processors this process may use. Raises InputError if not 1 to 1024."""
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
         return threads

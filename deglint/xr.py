@@ -152,7 +152,7 @@ def apply(
 
 
 def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | None) -> Correction:
-    """Make a picklable `Correction`; `_correct_tile` adds the scene. It has the array's nodata value, but no mask."""
+    """Make a picklable `Correction` with the array's nodata value, no mask and no scene (`_correct_tile` adds it)."""
     info = raster_of(scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
@@ -329,7 +329,7 @@ def _of_chunk(scene: Scene, info: RasterInfo, work: Work, reach: int, block: Raw
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Chunk sizes [pixel] of an axis. Edges move up to multiples of `step`; chunks shorter than `least` are merged."""
+    """Chunk sizes [pixel] with edges at the next multiples of `step`; chunks shorter than `least` are merged."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

@@ -12,7 +12,7 @@ LONG = 1.5  # least window over the width of a clump of glint, such that it reac
 
 @dataclass(frozen=True)
 class Candidate:
-    """A recipe to try on sample tiles: a method of removal, and the stages of a compensation before and after it."""
+    """A recipe to try on sample tiles: a removal method, and the compensation stages before and after the removal."""
 
     name: str
     method: str  # "copy", or a key of `deglint.remove.METHODS`

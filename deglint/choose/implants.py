@@ -2,7 +2,7 @@
 
 There are four kinds of signals: textures of three scales, discs as wide as the smallest object to keep, broad plumes of
 turbid water, and small white targets. Their contrasts are relative to the water; textures and discs are attenuated by
-3 m of water. The gain of a recipe is the share of a signal that it preserves: 1 if it is kept, 0 if it is lost.
+3 m of water. The gain of a recipe is the share of a signal that the recipe preserves: 1 for all of it, 0 for none.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, 
 
 
 def discs(inside: Mask, bands: Sequence[Band], level: Float32, width: float, seed: int) -> Float32:
-    """Discs to add to a tile, (band, row, column); arguments are as in `implants`, but discs are at other places."""
+    """Discs to add to a tile, (band, row, column). The arguments are those of `implants`, but places differ."""
     pattern = _discs(inside, width, np.random.default_rng((SEED, seed)))
     return np.asarray(_submerged(bands, level)[:, None, None] * pattern, np.float32)
 
@@ -74,7 +74,7 @@ def gains(
 ) -> dict[str, float]:
     """Gain of each signal, by name, from a least squares fit of the patterns to the responses in all tiles and bands.
 
-    The mean of each tile is subtracted first: signals also shift the fitted level (glint-free NIR), which is no gain.
+    The mean of each tile is subtracted first: signals also shift the fitted level (glint-free NIR); this is no gain.
 
     responses : (band, row, column) of each tile: results of a recipe with the signals minus its results without them
     added : signals of each tile

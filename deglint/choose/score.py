@@ -4,7 +4,7 @@ At each scale s the result of recipe c has the power (mean square of the texture
 
 .. math:: P_{cs} = g_{cs}^2 S_s + N_{cs}
 
-with S the power of the true texture of the water (the own signal of the scene), the same for all recipes, g the gain of
+with S the power of the true texture of the water (the scene's own signal), the same for all recipes, g the gain of
 a signal at that scale, and N the power of the glint and noise that is left. The mean square error, against the scene
 without glint and noise, is then
 
@@ -12,21 +12,21 @@ without glint and noise, is then
 
 S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. Where bands have different sparkle, P is
 replaced in this limit by the power that two bands share, the mean product of their textures (`partners`). The minimum
-over the recipes is computed twice: over all pixels, and over the pixels with the least glint. The first minimum is too
-large if all recipes leave glint. The second is too small if it excludes shallow bottoms, which look like glint in the
-NIR. S is the geometric mean of both minima, or the first if that is smaller. But S is at least the power of the texture
-that neither noise nor the glint in the NIR explains (`least_signal`). A recipe that erases signals has a small P but
-also a small g, so its E is not small. The few tiles may lack some signals. Therefore two losses are added to E: the
-loss of a weak signal at each scale but the coarsest, and the loss of objects and of plumes with typical contrasts, each
-of which is assumed on a hundredth of the scene.
+of the limit over the recipes is computed twice: for all pixels, and for the pixels with the least glint. The first is
+too large if all recipes leave glint. The second is too small if it excludes shallow bottoms, which look like glint in
+the NIR. S is the geometric mean of both minima, or the first if that is smaller. But S is at least the power of the
+texture that neither noise nor the glint in the NIR explains (`least_signal`). A recipe that erases signals has a small
+P but also a small g, so its E is not small. The few tiles may lack some signals. Therefore two losses are added to E:
+the loss of a weak signal at each scale but the coarsest, and the loss of objects and of plumes with typical contrasts.
+Objects and plumes are each assumed on a hundredth of the scene.
 
-At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset of all pixels,
-which texture cannot show. There g is the gain of plumes or, if larger, the root of the ratio of P to the largest P of
-all recipes. The root is larger for a reef, which is bright in the visible but, unlike sediment, not in the NIR. If the
-result of a removal is brighter than the darkest result of an opening, or the reverse, a part of the difference is
-counted as glint that is left (`level_excess`): an opening is too bright where it finds no water between the glint; a
-removal is too bright if the pixels from which it takes its level, those with the least glint, have some. What an
-opening takes from a band beyond the glint that the NIR explains is counted as erased signal (`erased`).
+At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there shifts all pixels alike, and
+texture does not show such a shift. At this scale g is the gain of plumes or, if larger, the root of the ratio of P to
+the largest P of all recipes. The root is larger for a reef, which is bright in the visible but, unlike sediment, not in
+the NIR. If the result of a removal is brighter than the darkest result of an opening, or the reverse, a part of the
+difference is counted as glint that is left (`level_excess`): an opening is too bright where it finds no water between
+the glint; a removal is too bright if even the pixels with the least glint, which determine its level, have some glint.
+What an opening takes from a band beyond the glint that the NIR explains is counted as erased signal (`erased`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -94,9 +94,9 @@ def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Flo
 
 
 def partners(setting: Setting, unit: Float32) -> dict[int, int]:
-    """Partner of each evaluated band: of all bands taken at least 0.1 s (`LASTS`) earlier or later, the one of nearest
-    wavelength. A band and its partner show the same water, but different sparkle and noise. Bands without a partner are
-    left out. The result is empty if the times of the bands are not known. `unit` is as in `powers`.
+    """Partner of each evaluated band (0-based): the evaluated band of nearest wavelength that was taken at least 0.1 s
+    (`LASTS`) earlier or later. Both bands show the same water, but different sparkle and noise. Bands without a partner
+    are left out. The result is empty if the times of the bands are not known. `unit` is as in `powers`.
     """
     judged, times, waves = np.flatnonzero(np.isfinite(unit)), setting.offsets, setting.wavelengths
     if times is None:
@@ -162,9 +162,9 @@ def level_excess(
 ) -> Float64:
     """How much brighter each result is than the darkest result of the other kind of recipe, (recipe,).
 
-    The two kinds are recipes with and without an opening. In each band medians are compared or, for `delayed` bands,
-    means: there a removal leaves sparkle on few pixels, which a median ignores. Differences above 0 are divided by
-    `unit`; their root mean square over the bands minus `SIGNAL`, at least 0, is returned.
+    The two kinds are recipes with and without an opening. In each band medians are compared or, if bands are taken at
+    different times (`delayed`), means: a removal then leaves sparkle on few pixels, which a median ignores. Differences
+    above 0 are divided by `unit`; their root mean square over the bands minus `SIGNAL`, at least 0, is returned.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as in `powers`
@@ -186,7 +186,7 @@ def erased(taken: Sequence[Float32], inside: Sequence[Mask], unit: Float32, nir:
     """Mean brightness that an opening takes and that cannot be glint, root mean square over bands and tiles.
 
     Sparkle lies at different places in the bands, but its mean over a tile is that in the NIR times the glint spectrum.
-    What an opening takes beyond `GLINT_OF_NIR` times that is a signal, such as a bottom that the NIR hardly shows.
+    What an opening takes beyond `GLINT_OF_NIR` times this product is a signal, such as a bottom dark in the NIR.
 
     taken : (band, row, column) of each tile: image minus result
     inside, unit : as in `powers`; each band is divided by its unit

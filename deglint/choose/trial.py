@@ -199,7 +199,7 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
     """First of the equally good trials (`EQUAL_ERRORS`); but if it is not much better than the copy (`WORTH_REMOVING`),
-    the copy, `trials[0]`. If bands are not `delayed`, the first comparison takes errors of openings times `REPLACING`.
+    the copy, `trials[0]`. Unless bands are `delayed`, the first comparison multiplies opening errors by `REPLACING`.
     """
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
@@ -271,7 +271,7 @@ def _run(
     removal: FitRemoval,
     check: Callable[[FittedChain], None] = lambda _fitted: None,
 ) -> _Run:
-    """Fit a candidate to the sample tiles, `check` it, and run it. Raises FitError if it cannot be fitted."""
+    """Fit a candidate to sample tiles, call `check` with the fit, and run it. Raises FitError if no fit is possible."""
     if candidate.method == "copy":
         return _Run([s.image for s in sample.states], [])
     fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
@@ -282,7 +282,7 @@ def _run(
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
     """Raise FitError if a candidate changes nothing, has no slope clearly above 0 (`CERTAIN`), or cannot distinguish
-    residual glint from water. If `fine`, (band,) brightness of water, is not None, also refuse a removal of sky.
+    residual glint from water. If `fine`, the brightness of water (band,), is given, also refuse a removal of sky.
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))

@@ -2,7 +2,7 @@
 
 A linear removal predicts the glint of each band from the NIR. A chain is a sequence of stages (`STAGES`) that process
 the image before and after the removal. `fit_chain` fits a chain to a sample of a scene; `apply_chain` applies it to a
-block of pixels with a halo. Both work on arrays: the caller reads files, finds water, divides the scene and logs.
+block of pixels with a halo. Both work on arrays: the caller reads files, finds water, makes the blocks and logs.
 """
 
 from .background import Background

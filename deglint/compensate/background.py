@@ -1,13 +1,13 @@
 """Background: a band without glint, estimated from the darkest pixels within a window (morphological opening).
 
 An opening is the minimum over a window, then the maximum of these minima. It removes glint, which is brighter than the
-water, and narrower than the objects to keep. An opening by a square also removes corners and round edges of objects.
+water and narrower than the objects to keep. An opening by a square also removes corners and round edges of objects.
 Openings by an octagon and a diamond keep such edges, but also more glint. The outline detail is the excess of the
-larger of these two over the opening by a square. It is added to the background where it is larger in two bands than the
-outline detail of sparkle in the NIR bands, which show no objects under water. The outline detail of a band is limited
-to `MOST` times the larger detail of the bands taken before and after this band.
+larger of these two over the opening by a square. It is added to the background around pixels where it exceeds a limit
+in at least two bands. The limit is measured on sparkle (single flashes of glint) in the NIR bands, which do not show
+objects under water. A band has at most `MOST` times the larger outline detail of its two neighbours in time.
 
-The method fails where clumps of glint are wider than the window, as their darkest pixel is glint. Objects and textures
+The method fails where a clump of glint fills the window, as even the darkest pixel is then glint. Objects and textures
 of the bottom that are narrower than the window are removed, too.
 
 References
@@ -84,11 +84,11 @@ def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
 
 
 def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
-    """Outline detail of `sharp`: the larger of its openings by an octagon and a diamond, minus `level`; at least 0.
+    """Outline detail of bands `sharp`: the larger of openings by an octagon and a diamond, minus `level`; at least 0.
 
     All arrays are (band, row, column); `level` has the openings of `sharp` by a square of side `size` [pixel]. The
-    octagon is 2 pixels narrower than the square, so that it fits into blurred discs. The diamond is 4 pixels wider, so
-    that the areas are similar: for a `size` of 13, 145 pixels (diamond) and 169 (square).
+    octagon is 2 pixels narrower than the square, so that it fits into blurred discs. The diamond is 4 pixels wider than
+    the square, so that their areas are similar: for a `size` of 13, 145 pixels (diamond) and 169 (square).
     """
     octagon, diamond = size - 2, size + 4
     out = np.empty_like(sharp)
@@ -99,7 +99,7 @@ def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
 
 
 def shared(details: Float32, order: tuple[int, ...]) -> Float32:
-    """Limit the outline detail of each band to `MOST` times the larger detail of the bands taken before and after it.
+    """Limit the outline detail of each band to `MOST` times the larger one of the bands before and after it in time.
     `details` and the result are (band, row, column), in a unit in which glint is the same in all bands; `order` has the
     0-based bands in order of time. If there is only one band, its detail is set to 0.
     """
@@ -113,10 +113,10 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
     """Mask, (band, pixel): for each band, the `CLEAR_PERCENT` of the pixels that have the least glint in another band.
 
-    The other band is taken within `LASTS` of the band, so that both have the same sparkle; without such a band, it is
-    the nearest in time. If there are several, the one with the darkest water relative to glint is used, most often the
-    NIR. (The darkest pixels of the band itself have low noise, or are dark water.) Do not use the mask for simultaneous
-    bands or for bands with ringing: in them, all bands have the same errors of resampling and compression beside glint.
+    Candidates for the other band are those at most `LASTS` [s] before or after the band, as they have the same sparkle;
+    if there are none, those nearest in time. The candidate with the darkest water relative to glint is used, most often
+    the NIR. (The darkest pixels of the band itself would be those of low noise or dark water.) Do not use the mask if
+    bands are simultaneous or have ringing: they then have equal errors of resampling and compression beside glint.
 
     excess : bands minus their openings, (band, pixel)
     water : background of each band, (band,), in a unit in which glint is the same in all bands
@@ -131,13 +131,13 @@ def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray
 
 
 def median_and_spread(excess: Float32) -> tuple[float, float]:
-    """Median of `excess` (pixel,), a band minus its opening, and standard deviation of the values below the median."""
+    """Median of `excess` (pixel,), a band minus its opening, and standard deviation about it, from values below it."""
     middle = float(np.median(excess))
     return middle, spread(excess[excess < middle] - middle)
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), a band minus its opening, and standard deviation below the mode; zeros are ignored."""
+    """Mode of the non-zero values of `excess` (pixel,), and standard deviation about it, from values below it."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -150,7 +150,7 @@ def mode_and_spread(excess: Float32) -> tuple[float, float]:
 
 
 def around(band: Float32, cap: float) -> Float32:
-    """Mean over 9 x 9 pixels (`PIT_SIDE`) around each pixel, (row, column), of the smaller of `band` and `cap`."""
+    """Mean of min(`band`, `cap`) over the 9 x 9 pixels (`PIT_SIDE`) around each pixel; (row, column), as `band`."""
     return np.asarray(cv2.blur(np.minimum(band, np.float32(cap)), (PIT_SIDE, PIT_SIDE)), np.float32)
 
 
@@ -172,7 +172,7 @@ class Background:
 
     @property
     def clear(self) -> float:
-        """Share of pixels without glint, 0..1. Undetected glint is assumed in as many pixels as detected glint."""
+        """Share of pixels without glint, 0..1. As many pixels are assumed to have undetected as detected glint."""
         return max(1 - 2 * self.cover, 0.0)
 
     @property
@@ -183,7 +183,7 @@ class Background:
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
         """Bands to open, and their openings by a square, (band, row, column) each. The bands are the image or, after a
-        stage `psf`, its deconvolution. With `caps`, they are the image, with every pixel at least the mean `around`.
+        stage `psf`, its deconvolution. With `caps`, they are the image with dark pits raised to the mean `around` them.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -197,7 +197,7 @@ class Background:
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background minus `offsets`, (band, row, column): opening plus outline detail, blurred again after `psf`."""
+        """Background minus `offsets`, (band, row, column): opening plus outline detail, as blurred as the image."""
         source, level = self.opened(state)
         if self.limit is not None:
             detail = self.details(source, level)
@@ -213,9 +213,8 @@ class Background:
     def apply(self, state: State) -> State:
         """Determine the background, and mark the pixels that exceed it as glint.
 
-        Pixels that exceed the background only because of noise are marked, too. If the background were higher by one
-        standard deviation of noise, faint glint would be missed: errors would change by 19 % in dense glint, and by
-        under 2 % in other glint.
+        Pixels that exceed the background only because of noise are marked, too. A background higher by one standard
+        deviation of noise would miss faint glint: errors would change by 19 % in dense glint, by under 2 % in other.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]
@@ -223,8 +222,9 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the stage to a sample; `number` is the width of the window, odd, 13 by default [pixel]. Outline detail needs
-    a width of at least 7, time offsets, a NIR and at least three bands. Raises FitError if the sample is too small.
+    """Fit the stage to a sample; `number` is the width of the window, odd, 13 by default [pixel]. Outline detail is
+    used only if the width is at least 7, and the scene has time offsets, a NIR and at least three bands. Raises
+    FitError if the sample is too small.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))

@@ -1,4 +1,4 @@
-"""Fit and apply a chain: its stages and the removal of glint. Each is fitted to the result of those before it."""
+"""Fit and apply a chain: stages and the removal of glint. Each step is fitted to the result of the steps before it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ class FittedChain:
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
     """Fit the stages and the removal of a chain to a sample. `text` is the chain as `parse` reads it, for example
     "remove" (no stages); `fit_removal` fits the removal. Raises FitError if a fit fails, for example because the sample
-    is too small, and InputError if `text` is not a chain, or a stage lacks what it needs.
+    is too small, and InputError if `text` is not a chain, or if a stage needs data that `setting` lacks.
     """
     steps = parse(text)
     place = [s.name for s in steps].index("remove")

@@ -44,8 +44,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normal
     """Determine the level of deep water in each band of `setting` from a sample. The level is the median of the band.
 
     If more than `number` percent of the pixels are glint, the level is the mode; by default it is always the median.
-    Glint raises the median, so that the normalised band is too low. If its values replace glint in another band
-    (`ReplaceBands`), this offsets their faint glint. Raises FitError if the sample is too small or a level is not > 0.
+    Glint raises the median, so normalised values are too low. Where they replace glint in another band, this error
+    offsets their own faint glint (`ReplaceBands`). Raises FitError if the sample is too small or a level is not > 0.
 
     References
     ----------

@@ -25,7 +25,7 @@ class PSF:
     """A point spread function on the grid of the pixels.
 
     The kernel (side, side) is the share of light in each pixel, for a point source at the centre of the central pixel.
-    Raises InputError unless it is square, odd-sided, finite, >= 0, > 0 in the middle, and has a sum of 1 within 3 %.
+    Raises InputError unless the kernel is square, odd-sided, finite, >= 0, > 0 in the middle, and sums to 1 within 3 %.
     """
 
     kernel: Float64 = field(repr=False)

@@ -12,7 +12,7 @@ from .state import Float32, Sample, Setting, State
 
 @dataclass(frozen=True)
 class ReplaceLevel:
-    """The stage `replace-level`: it replaces glint by the background of the same band, for any spectrum of water."""
+    """The stage `replace-level`: it replaces glint by the background of the same band; water may have any spectrum."""
 
     name: ClassVar[str] = "replace-level"
     halo: ClassVar[int] = 0
@@ -37,7 +37,7 @@ class ReplaceBands:
     order: tuple[tuple[int, ...], ...]  # for each band, all other bands, the nearest in wavelength first
 
     def apply(self, state: State) -> State:
-        """Replace and unmark glint, except where all bands have glint."""
+        """Replace glint and remove its mark in `State.glint`, except where all bands have glint."""
         assert state.glint is not None  # a chain identifies glint before
         values, found = nearest_clean(state.image, state.glint, self.order)
         return put(state, found, values, glint=state.glint & ~found)
@@ -65,7 +65,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """Make the stage `replace-bands`: bands are nearest in wavelength, or in the file if a wavelength is not known."""
+    """Make the stage `replace-bands`; "nearest" is by wavelength, or by band number if a wavelength is not known."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     order = [np.argsort(np.abs(place - own), kind="stable").tolist() for own in place]

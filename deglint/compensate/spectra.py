@@ -1,4 +1,4 @@
-"""Models (normal distributions) of the spectra of targets on the sea, and of sparkle that stays bright in all bands.
+"""Models (normal distributions) of spectra of targets on the sea, and of flashes of glint that last in all bands.
 
 A target is either painted (its spectrum has steep edges), or grey and under 0 to 5 m of water. Measured spectra of
 targets are not needed: an image with eight bands does not resolve the details of such spectra.
@@ -85,9 +85,8 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], c
 
     The brightness changes with time by a linear and a quadratic part. All arguments but `change` have a value per band.
 
-    glint : spectrum of glint divided by the radiance of a white target (`Targets.light`)
-    time : time offset [s]
-    s : standard deviation of noise divided by the radiance of a white target
+    glint : spectrum of glint divided by that of a white target (`Targets.light`)
+    time, s : time offset [s], and standard deviation of noise divided by `Targets.light`
     change : standard deviation of each part, relative to the brightness: `CHANGE`, or `NO_CHANGE` for a white target
     """
     u, spectrum = (np.array(time) - np.mean(time)) / np.ptp(time), np.array(glint) / max(glint)
@@ -146,8 +145,9 @@ def likelihoods(e: Float32, of: list[Model]) -> tuple[Float32, Places]:
 def lasting_flashes(
     e: Float32, sparkle: Float32, of_targets: list[Model], of_flashes: list[Model], of_white: list[Model]
 ) -> npt.NDArray[np.bool_]:
-    """Mask (pixel,) of flashes that last; all False if they are rare. `e` is as in `likelihoods`, for pixels lit in all
-    bands; `sparkle` (pixel,) is the log likelihood of changing sparkle; `of_white` are the `flashes` with `NO_CHANGE`.
+    """Mask (pixel,) of flashes that last through all bands; all False if such flashes are rare. `e` is as in
+    `likelihoods`, for pixels bright in all bands; `sparkle` (pixel,) is the log likelihood of glint that changes.
+    `of_targets` is the result of `models`; `of_flashes` and `of_white` that of `flashes` with `CHANGE` and `NO_CHANGE`.
     """
     target, flash, white = (likelihoods(e, of)[0] for of in (of_targets, of_flashes, of_white))
     unexplained = np.maximum(target, flash) - sparkle > UNEXPLAINED

@@ -107,7 +107,7 @@ class Chain:
 
 
 def parse(text: str) -> tuple[Step, ...]:
-    """Parse the text form of a chain into its steps; a missing "remove" is added at its end.
+    """Parse the text form of a chain into steps; if "remove" is missing, it is added as the last step.
 
     Raises InputError for an unknown stage, a wrong number, a second "remove", or a stage at a wrong place (`_check`).
 
@@ -144,7 +144,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Raise InputError if a stage lacks what it needs before or after it, or cannot follow another (`NEVER_AFTER`)."""
+    """Raise InputError if a stage needs a missing stage before or after it, or `NEVER_AFTER` forbids the order."""
     ready: set[str] = set()  # what was identified (`Kind.identifies`) and is not replaced yet
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 : [*names, "remove"].index("remove", place + 1)]
@@ -179,7 +179,7 @@ def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple
     """Fit each stage to the sample as it is after the stages before it; return the fitted stages, and the sample after
     them, in the unit of the scene. `steps` do not contain "remove"; `setting` has properties of the scene.
 
-    Raises FitError if the sample does not allow a fit, and InputError if a stage lacks what it needs.
+    Raises FitError if the sample does not allow a fit, and InputError if a stage needs data that `setting` lacks.
     """
     stages, states = [], sample.states
     for step in steps:

@@ -43,8 +43,8 @@ class State:
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> Self:
         """Initial state of a block (band, row, column); `origin` is the row and column of its first pixel in the scene.
-        Pixels not finite in a band, or outside the mask `water` (row, column; None: all is water), get the values of
-        the nearest water pixel. Raises InputError if values of water exceed `LARGEST`.
+        Pixels that are not finite in a band, or not in the mask `water` (row, column; None: all is water), get the
+        values of the nearest water pixel. Raises InputError if values of water exceed `LARGEST`.
         """
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
@@ -108,7 +108,7 @@ class Setting:
 
     @cached_property
     def colour(self) -> Float32:
-        """Spectrum of glint: direct irradiance of the sun [W m-2 nm-1]; all 1 if a wavelength is not 300 to 1000 nm."""
+        """Spectrum of glint, (band,): direct solar irradiance [W m-2 nm-1]; all 1 if a band is not 300 to 1000 nm."""
         from ..physics.atmosphere import irradiance
 
         known = np.isfinite(self.wavelengths) & (self.wavelengths > 300) & (self.wavelengths < 1000)
@@ -125,7 +125,7 @@ class Sample:
     inside: tuple[Mask, ...]
 
     def values(self, planes: Sequence[Float32]) -> Float32:
-        """Values of the sample's pixels, (pixel,), from one array per block; raises FitError if there are too few."""
+        """Values (pixel,) of the sample, from `planes`, one array per block; raises FitError if there are too few."""
         found = np.concatenate([p[m] for p, m in zip(planes, self.inside, strict=True)])
         if found.size < FEWEST:
             raise FitError(f"the sample holds {found.size} pixels, need at least {FEWEST}. Widen the --sample.")

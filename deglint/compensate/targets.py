@@ -1,4 +1,4 @@
-"""Small bright targets (boats, swimmers, buoys), distinguished from sparkle by a likelihood ratio.
+"""Small bright targets (boats, swimmers, buoys), distinguished from sparkle (flashes of glint) by a likelihood ratio.
 
 S is the log likelihood ratio of target and sparkle for the excess e over the background, in bands b = 1 to B by time:
 
@@ -87,12 +87,12 @@ class Targets:
 
     @property
     def halo(self) -> int:
-        """Margin around a block that the stage needs [pixel]: the sum of the reaches of its steps; 0 with `reason`."""
+        """Margin around a block that the stage needs [pixel]: the sum of the reaches of its steps; 0 without a test."""
         # mean; peaks, saturation, neighbours of peaks, sums; growth by 7 x 7; sums or outline, target; its edge
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Set `State.targets`; if there is no background, also subtract them from the image. No change if `reason`."""
+        """Set `State.targets`; if there is no background, also subtract it from the image. No change without a test."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -113,7 +113,7 @@ class Targets:
 
     @cached_property
     def _steps(self) -> Float32:
-        """Log probability (table, bin before, bin) of a bin given the bin in the band before (`following`)."""
+        """Log probability of a histogram bin given the bin in the band before, (table, bin before, bin)."""
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     @property
@@ -173,7 +173,7 @@ class Excess:
 
     def peaks(self) -> Mask:
         """Mask (row, column) of possible peaks of targets: pixels that are lit (`EXCEEDS`), with nearly the largest
-        excess of 3 x 3 pixels (`SAME_PEAK`), in at least three bands. Both halves of the bands must have such a band.
+        excess of 3 x 3 pixels (`SAME_PEAK`), in at least three bands, which are not all in one half of the bands.
         """
         count, square = np.zeros((2, *self.raw[0].shape), np.uint8), np.ones((3, 3), np.uint8)
         planes = zip(self.raw, self.below, self.stage.light, self.stage.noise, strict=True)
@@ -314,7 +314,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the sample with a score above `stage.threshold` within 3 x 3 pixels, as if `afloat` were False."""
+    """Share of the sample's pixels with a score above `stage.threshold` within 3 x 3 pixels; `afloat` is False."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -337,7 +337,7 @@ def with_texture(stage: Targets, e: Float32) -> Targets:
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
     `t` is the time of each band [s]. Only bands with dark water are used (`dark`), or all if fewer than two are dark.
-    The table for a step to the next band comes from the pairs of these bands whose delay is nearest to its delay.
+    The table for a step to the next band comes from those pairs of these bands whose delay is nearest to the step's.
     """
     dark = stage.dark if len(stage.dark) > 1 else list(range(len(t)))
     pairs = np.array([(i, j) for i in dark for j in dark if i != j])
@@ -358,7 +358,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share `steady` in all bands, among the darker half of the pixels lit in the first band; `q` as in `steady`."""
+    """Share of pixels that are `steady` in all steps, of the darker half of the pixels lit in the first band."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

@@ -4,7 +4,7 @@ r"""Standard errors of the pixels of a compensated image, from the scene itself.
 
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
 standard error of the glint-free NIR. Where stages before the removal replaced glint, the error variance of the water,
-:math:`\sigma_w^2`, is measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to
+:math:`\sigma_w^2`, is measured by a trial: objects, and the glint of the scene displaced by half a block, are added to
 the compensated image, and the chain is run again. Elsewhere the variance comes from the stage `posterior` if the chain
 has it, else it is the variance of noise and, if no stage replaces glint, of the glint that the removal left. Bands that
 the removal does not correct (such as the NIR, from which it predicts glint) keep their faint glint: the square of the
@@ -55,14 +55,14 @@ class ReplacedError:
 def fit_replaced(
     before: Sample, after: Sample, objects: Sequence[Float32], run: Callable[[State], State]
 ) -> tuple[ReplacedError, ...]:
-    """Measure the error of pixels that a background replaced, by a trial: shifted glint is added to clean water.
+    """Measure the error of replaced pixels, by a trial: displaced glint is added to the compensated sample.
 
     before, after : the sample as read, and after all stages
     objects : objects to add to the water of each block, as errors are largest at their edges, (band, row, column) each
         [unit of the band]
     run : function that applies all stages to a state as read, and returns the new state
 
-    Returns one error for each band; it is that of noise if the trial replaced fewer than `FEWEST` pixels of the band.
+    Returns the error of each band: the error of noise if the trial replaced fewer than `FEWEST` pixels of the band.
     """
     water = [replace(s, raw=s.raw + o, image=s.image + o) for s, o in zip(after.states, objects, strict=True)]
     tried = [run(_trial(s)) for s in water]
@@ -110,7 +110,7 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 
     state : the block, with the light that was `removed`, and the `variance` if a stage has computed it
     model : model of the removal
-    errors : result of `fit_replaced` if stages before the removal replace glint. Replaced pixels get the error that its
+    errors : result of `fit_replaced` if stages before the removal replace glint. Replaced pixels get the error that the
         trial has measured. Other pixels get the error of noise where `variance` is not known. In bands that the removal
         does not correct, the excess over water without glint is added.
     """

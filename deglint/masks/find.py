@@ -90,7 +90,7 @@ def fit_water(
     it lies in a square of pixels that are all bright. The side of the square is the smallest with which no isolated
     bright pixels are left on the sea (almost none if they may be boats, see `RARE_BRIGHT`), and at most the width of a
     patch of glint. Boats, rocks and floating plants may be narrower than this square. They are found with smaller
-    squares: in all their pixels the NIR is much brighter than glint of this size, or brighter than the visible.
+    squares: all pixels of such a square have far more NIR than glint of this size, or more NIR than visible.
 
     blocks : blocks (band, row, column) that represent the scene, or the whole scene [any unit]; NaN is not valid
     roles : which band is the NIR, and which are visible
@@ -125,7 +125,7 @@ def _fit(
 
     white : red / green and NIR / green of a white surface, as in `_View.white`
     pixel : side of a pixel [m], or None if not known
-    strict : pixels whose colour is not known count as not water, so that dark land is not joined to the water
+    strict : if True, pixels of unknown colour count as not water, so that dark land is not joined to the water
     """
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     most = 0.0
@@ -151,7 +151,7 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """Add squares and NIR limits of boats (see `CORE`) to a rule, unless the sea or glint (`widest`) is too small."""
+    """Add squares and limits of boats (`CORE`) to a rule, unless sea or glint patches (`widest` [pixel]) are small."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume, least = rule.nir_level, AFLOAT * abs(rule.contrast), CORE[3 * CORE[0] < widest]
     sides = [w for w in WINDOWS if least <= w <= widest and (w == least or 2 * w <= widest + 1)]
@@ -196,8 +196,8 @@ class _View:
         """Vote of each pixel of each block, (row, column), by its colour: 1 for water, -1 against water, 0 unknown.
 
         A pixel votes for water if its NIR / visible is below that of white (`white`: red / green, NIR / green). This
-        vote becomes 0 if the NIR is saturated. Unless `brown`, it also becomes 0 if red / green or, in radiance, NIR /
-        red exceeds white (soil, town, brown water). Bands are summed over squares, as delays displace sparkle.
+        vote becomes 0 if the NIR is saturated or, unless `brown`, if red / green or (in radiance) NIR / red exceeds
+        white (soil, town, brown water). Bands are summed over squares of side `window`, as delays displace sparkle.
         """
         roles, (red, nir) = self.roles, white
         found = []
@@ -270,7 +270,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels on `sea` may be boats: land is in view, and only a part of the sea has some."""
+        """Whether `bright` pixels on `sea` may be boats: land is in view, and only a part of the sea has them."""
         has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)

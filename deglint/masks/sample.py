@@ -83,7 +83,7 @@ class _Local(NamedTuple):
 
 
 def away_from_shore(mask: Mask) -> Mask:
-    """Reduce a water mask (row, column) to squares of `SHORE` x `SHORE` water pixels; pixels outside it do not count.
+    """Water mask (row, column), reduced to squares of `SHORE` x `SHORE` water pixels; the image edge is no shore.
 
     >>> lake = np.zeros((20, 20), bool)
     >>> lake[2:14, 2:14] = lake[16:, :4] = True
@@ -98,11 +98,11 @@ def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 
     A water pixel is in the sample if (1) it is over 10 pixels (5, 2, 0 if too few are left) from valid pixels that are
     not water, and if the square of 15 x 15 pixels around it meets three criteria. (2) It is dark: while visible means
-    of squares form two clear classes, Otsu's threshold excludes the brighter class; glint is then subtracted, the same
-    is done again, and the brighter half is excluded. (3) It is even: the variance of the visible bands that the NIR
-    does not explain is not unusually large. (4) It is in the quarter of the dark, even squares with the largest NIR
-    variance (strongest glint), or in half or all of them if these are too few. Then the mask is opened (`CLEANING`).
-    Strong glint is preferred, as noise in the NIR reduces fitted slopes by the factor
+    of squares form two clear classes, Otsu's threshold excludes the brighter class; glint is then subtracted, brighter
+    classes are excluded again, and so is the brighter half of the rest. (3) It is even: the variance of the visible
+    bands that the NIR does not explain is not unusually large. (4) It is in the quarter of the dark, even squares with
+    the largest NIR variance (strongest glint), or in half or all of them if these are too few. Then the mask is opened
+    (`CLEANING`). Strong glint is preferred, as noise in the NIR reduces fitted slopes by the factor
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
@@ -244,7 +244,7 @@ def _even(local: _Local, rule: SampleRule) -> Mask:
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold is used up to 3 times, if classes are clear."""
+    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold is used up to 3 times while classes are clear."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])

@@ -32,9 +32,9 @@ class WaterRule:
     """How water is distinguished from other surfaces, as plain numbers.
 
     A square of side `window` is not water if all its pixels have NIR above `threshold`. The side is 1 for coarse pixels
-    and larger where glint is resolved into bright patches. Boats and narrow land lie in squares of other sides: all
-    NIR is above `bright`, which glint of this size does not exceed (side `core`), or above both `red` and the first
-    visible band (side `red_core`). Similar pixels that are connected with such a square are not water either.
+    and larger where glint is resolved into bright patches. Boats and narrow land fill squares of other sides: all
+    NIR is above `bright` (side `core`; squares of glint are darker), or above both `red` and the first visible band
+    (side `red_core`). Nearby pixels above the same limits, connected with such a square, are not water either.
     """
 
     roles: Roles

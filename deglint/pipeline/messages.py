@@ -37,7 +37,7 @@ def log_scene(scene: Scene) -> None:
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
-    """Log which pixels are corrected; return notes on the water. Raises NoWaterError if `rule` contains no water."""
+    """Log which pixels are corrected (`mask`: see `Recipe`); return notes on water. NoWaterError if none is found."""
     if rule is None:
         if mask != "auto":
             log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")

@@ -219,7 +219,7 @@ def versions() -> dict[str, str]:
 
 
 def _doubts(scene: Scene, counts: PixelCounts) -> list[str]:
-    """Warnings about bands that are not registered, and about pixels of a band below zero or clipped to integers."""
+    """Warnings about bands that are not registered, and about pixels below zero or clipped to the integer range."""
     said = [note for note in scene.notes if note == UNREGISTERED]
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
         if bands := ", ".join(f"{name} {n}" for name, n in counts.by_band(kind, scene.names).items() if n):
@@ -234,7 +234,7 @@ def saved(fitted: Fitted) -> str:
 
 
 def load_model(path: str) -> GlintModel:
-    """Read the model of `--save-model`. Raises ReadError for an unreadable file, InputError if it has no model."""
+    """Read a model that `--save-model` wrote. Raises ReadError if the file is unreadable, InputError if it has none."""
     return load_fit(path)[0]
 
 

@@ -28,7 +28,7 @@ class Recipe:
         NIR bands by name or 1-based number (a single one also without a tuple); determined automatically if empty.
     nir_use : {"auto", "mean", "best", "set"}
         Which of several NIR bands predict the glint of a band: "mean", their mean; "best", the one that explains the
-        band best; "set", the one taken at the same time. For "mean" and "best", method wiener uses the first. "auto" is
+        band best; "set", the one taken at the same time. With "mean" or "best", wiener uses the first NIR. "auto" is
         "set" if `nir` is empty and the sensor takes its bands in sets at different times, each with a NIR; else "mean".
     bands : tuple of str
         Bands to correct, by name or 1-based number; if empty, all bands with a shorter wavelength than the NIR band of
@@ -42,8 +42,8 @@ class Recipe:
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
-        Percentile [%] of the NIR (method hedley) or of the prediction from longer bands (multiband) that is its level,
-        the glint-free value. With 0, it is 5 % for multiband and the minimum for hedley. Other methods refuse it.
+        Percentile [%] that is the glint-free level: of the NIR (method hedley), or of the prediction from bands of
+        longer wavelength (multiband). 0 means the minimum for hedley, 5 % for multiband. Other methods refuse it.
     rrs_factor : float
         Ratio of the physical values to remote-sensing reflectance [sr]; pi for reflectance.
     compensate : str

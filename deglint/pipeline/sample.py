@@ -71,8 +71,8 @@ class Training:
 
 def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Callable[[Tile], Training]:
     """Make a function that reads a tile with a halo as a `Training`. If `Recipe.sample` is "auto", the sample of the
-    tile is its water away from shores. Else the sample is the area that the recipe selects; this area then counts as
-    the water of the tile, together with the water that is found if `with_water` is True.
+    tile is its water away from shores. Else the sample is the area that the recipe selects. The water of the
+    tile is then this area and, only if `with_water` is True, also the water that is found.
     """
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
     rule = job.overview.water if sampler is None or with_water else None
@@ -99,7 +99,7 @@ def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Cal
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Map of the strips of odd and even detectors, from the footprints of a 0-based band; None unless both occur."""
+    """Map of odd and even detector strips, from the detector footprints of a 0-based band; None unless both occur."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -113,7 +113,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, kinds: SquareKinds) -> Strips:
-    """Map the detector strips with opposite band delays in the scene; `kinds` classifies the squares of a tile."""
+    """Map the detector strips with opposite band delays in the scene; `kinds` finds the strip kind of each square."""
     read, (_bands, height, width) = training_reader(job), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
@@ -186,7 +186,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit chain `text` and `method` to training tiles; return chain, model, `Sampled`. For "off", fit only `wiener`."""
+    """Fit chain `text` and `method` to tiles; return chain, model, `Sampled`. If `text` is "off", fit only `wiener`."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model

@@ -129,7 +129,7 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
-    """Check shapes (InputError); return `block` as floats, NaN where masked, and the mask `sample` (None: all)."""
+    """Return `block` as floats, NaN where masked, and `sample` (all True if None); InputError if shapes are wrong."""
     block = np.asanyarray(block)
     if block.ndim != 3 or not block.size:
         raise InputError(f"expected a (band, row, column) array with pixels, got shape {block.shape}.")
@@ -163,8 +163,8 @@ def nir_request(
     use : reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains the
         band best; "set", the first NIR band of the same group (`Band.group`: bands taken at the same time). The method
         wiener uses the first NIR band instead of "mean" and "best"
-    correct : 0-based bands to correct. By default these are the bands of shorter wavelength than the longest NIR band;
-        bands without wavelength, such as masks, are copied. If no band except the NIR has one, all others are corrected
+    correct : 0-based bands to correct. By default these are the bands of shorter wavelength than the longest NIR band,
+        or all bands if none except the NIR has a wavelength. Other bands, and always the NIR bands, are copied
     options : regression, floor_percentile, rrs_factor: see `FitRequest`
 
     Raises InputError if a selection is not possible, or an option is out of range.
@@ -186,7 +186,7 @@ def nir_request(
 
 
 def _numbers(value: int | Sequence[int], count: int, name: str) -> list[int]:
-    """Bands in `value` as a list. Raises InputError, which names `name`, if it is empty or not in 0..`count` - 1."""
+    """List of the bands in `value`; InputError (about `name`) if it is empty or a band is not in 0..`count` - 1."""
     found: list[int] = np.atleast_1d(value).tolist()
     if not all(isinstance(b, int) for b in found):
         raise InputError(f"{name}: want 0-based numbers of bands of the array, got {described(value)}.")

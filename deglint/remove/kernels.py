@@ -2,13 +2,13 @@ r"""Kernels that predict bands from the neighbourhoods of pixels in references: 
 
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
-The vector v(x) has the references (r) at every offset in a window of up to `SIDE` pixels, then the bands (b), all
-minus their means; G_rr and G_rb are parts of G, lambda is a small ridge. There is one Gram matrix G for each square
-of `CELL` x `CELL` pixels of the sample; a fit uses the sum of these. The response of a kernel is the change of the band
-if the NIR rises by 1: the sum of its coefficients, where coefficients on another reference are multiplied by the slope
-of this reference on the NIR. The support of a kernel is the side of its window on each reference. The fit is repeated
-without each group of squares in turn: the residuals in the group that is left out select the support
-(cross-validation), and the scatter of the responses gives their covariance (jackknife).
+The vector v(x) of pixel x has the references (r) at every offset in a window of up to `SIDE` pixels, then the bands
+(b), all minus their means; G_rr and G_rb are parts of G, lambda is a small ridge. There is one Gram matrix G for each
+square of `CELL` x `CELL` pixels of the sample; a fit uses the sum of these matrices. The response of a kernel is the
+change of the band if the NIR rises by 1: the sum of its coefficients, where coefficients on another reference are
+multiplied by the slope of this reference on the NIR. The support of a kernel is the side of its window on each
+reference. The fit is repeated without each group of squares in turn: the residuals in the group that is left out
+select the support (cross-validation), and the scatter of the responses gives their covariance (jackknife).
 """
 
 from collections.abc import Iterator, Sequence
@@ -74,7 +74,7 @@ class LagGrams(NamedTuple):
 
 def kernel_squares(sample: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
     """Yield (row, column) slices of each square of `CELL` x `CELL` pixels that has enough pixels for a fit, and a mask
-    of these pixels in the square. A pixel counts if the largest kernel (`SIDE`) around it reads only the `sample`.
+    of these pixels in the square. They are the pixels around which the largest kernel (`SIDE`) reads only the `sample`.
     """
     inner = eroded(sample, SIDE)
     return ((s, inner[s]) for s in squares(sample.shape, CELL) if inner[s].sum() >= LEAST_OPEN * CELL**2)
@@ -204,8 +204,8 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power in each group of squares after a fit to the other groups, over the band's power in all groups.
-    The result is (group, band). With one group, the fit is to this group. For a constant band the sum over groups is 1.
+    """Residual power in each group of squares after a fit to the other groups, (group, band). It is divided by the
+    band's power in all groups. With one group, the fit is to this group. For a constant band the sum over groups is 1.
     """
     power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -214,8 +214,8 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: the smallest one within chance (`_within_chance`) for all bands together; if this is not
-    within chance for the band, the smallest one that is. `losses`: `_held_out` of each support, smallest support first.
+    """Support of each band: the smallest one that `_within_chance` accepts for the mean over bands. A band for which
+    this is not accepted gets the smallest support accepted for it. `losses`: `_held_out` by support, smallest first.
     """
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
@@ -226,7 +226,7 @@ def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
     """Supports whose RMS residual exceeds the least one by at most `WORTH_WIDER`, or by at most one standard error.
-    losses : residual power in each group of squares, (group,), by support, the smallest first, as in the result
+    `losses` is the residual power in each group, (group,), by support. It and the result have small supports first.
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
     best, out = losses[least], []

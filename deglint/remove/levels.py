@@ -149,7 +149,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the maximum of `counts` (bin,), by a parabola; if neighbouring bins have it, their middle."""
+    """Position [bin] of the maximum of `counts` (bin,), by a parabola, or the middle of adjacent equal maxima."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -160,7 +160,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The mask `sample` without pixels near strong glint, which resampling darkens; `together`: predicted glint."""
+    """The mask `sample` without pixels near strong predicted glint `together`, as resampling darkens these pixels."""
     return sample & ~grown(together > np.percentile(together[sample], STRONG_PERCENTILE), PIT)
 
 
@@ -200,7 +200,7 @@ def shared_level(
     band, s the slope of glint, p the prediction. Glint cancels in the excess, which is w_b / s - w_NIR, with w_b and
     w_NIR the values of the water. In a visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` /
     (1 - `DARKER`) times the excess. The level is not lowered below the lowest level, and the least glint stays at most
-    `LEAST_OF_MEDIAN` times the median glint. If waves are resolved, it is not lowered, as some of them have no glint.
+    `LEAST_OF_MEDIAN` times the median glint. If waves are resolved, it is not lowered, as some pixels have no glint.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))

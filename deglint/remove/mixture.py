@@ -42,14 +42,14 @@ DARK_PERCENTILE = 5.0
 """Percentile of the results over the sample [%]. The removal makes no pixel darker than this: where a clump of glint
 fills the window in the NIR only, the prediction is too large. Pixels that were darker before keep their values."""
 LEAST_KEPT = 0.75
-"""Red edge is used if the gain of a plume added to every tile is at least this; smaller plumes are preserved better."""
+"""Red edge is used if at least this share of a plume added to every tile is left; smaller plumes are changed less."""
 
 
 def fit(request: FitRequest, tiles: list[SampleTile], clear: float, cut: Sequence[float] | None = None) -> GlintModel:
     """Fit kernels and levels to tiles after an opening; the model may also add light (`GlintModel.signed`).
 
-    clear : share of the sample without glint, 0..1. If it is less than `LEAST_GLINT` % (or `CLEAR` % if predictions are
-        skewed, see `SKEWED`), this is used instead. The level of a band is the median of its prediction over this share
+    clear : share of the sample without glint, 0..1. Smaller shares are raised to `LEAST_GLINT` % (to `CLEAR` % if
+        predictions are skewed, see `SKEWED`). The level of a band is the median of its prediction over this share
         of the pixels: those with the smallest sum of the predictions of all bands
     cut : for each band of the scene, how much the opening decreased its mean by replacing noise above the background.
         This is added to the level [unit of the band]
@@ -82,7 +82,7 @@ def fit(request: FitRequest, tiles: list[SampleTile], clear: float, cut: Sequenc
 
 
 def _fitted(request: FitRequest, tiles: list[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> GlintModel:
-    """Fit kernels of each band on bands `nir` and, of `more`, those of longer wavelength (0-based). Levels are 0."""
+    """Fit kernels of each band on bands `nir` and those of `more` with longer wavelengths (0-based); levels are 0."""
     every = (*nir, *more)
     sides = [MIXTURE_SIDE] * len(every)
     parts = [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides) for t in tiles]
@@ -117,7 +117,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """Share of a plume added to the tiles that a removal with references `nir` and `more` keeps; least over bands."""
+    """Least share, over bands, of a simulated plume that is left after a removal with references `nir` and `more`."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), WATER_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

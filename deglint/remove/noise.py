@@ -23,7 +23,7 @@ def spread(values: FloatArray) -> float:
 def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
     """Standard deviation of a band's noise [unit of the band], above 0, from second differences along columns.
 
-    planes, inside : for each tile, (row, column): finite values of the band; mask of pixels, whose darker half is used
+    planes, inside : finite values of the band and a mask for each tile, (row, column); the masks' darker half is used
 
     After Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060.
     """

@@ -54,11 +54,11 @@ class FitRequest:
 
     @property
     def nir(self) -> tuple[int, ...]:
-        """0-based NIR band of each band to correct, for kernels: the first in its index, or in index 0 for None."""
+        """0-based NIR band for the kernels of each band: the first in its index (in index 0 if `follows` has None)."""
         return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
-        """0-based band nearest to `wavelength` [nm]. Raises BandError (about `method`) if it is not within `within`."""
+        """0-based band nearest to `wavelength` [nm]; BandError (about `method`) if none is within `within` nm of it."""
         known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
         if not known or min(known)[0] > within:
             listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
@@ -70,7 +70,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Plan moments (about local means if "detrended"), and single pixels if an option or `keep_index` needs them."""
+    """Plan moments (about local means for "detrended"), and single pixels if `keep_index` or an option needs them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index

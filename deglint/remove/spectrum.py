@@ -30,14 +30,14 @@ class CommonGlint(NamedTuple):
 def shared_glint(response: Float64, covariance: Float64, explained: Float64, request: FitRequest) -> CommonGlint:
     r"""Weights that estimate the strength of glint from the bands, and new responses of the bands.
 
-    The response of a band is its glint divided by the glint of its NIR (see `kernels`). The strength a of glint
-    with the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are
-    the posterior means, between s and a c.
+    The response of a band is its glint divided by the glint of its NIR (see `kernels`). The strength a of glint with
+    the spectrum c is estimated by generalised least squares from the fitted responses s (`response`). The new responses
+    s' are the posterior means, between s and a c.
 
     .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
         s' = a c + P S^{-1} (s - a c)
 
-    V (band, band) is the covariance of s. The weights are S^-1 c; a, on which P depends, is iterated. The spectrum c is
+    V (band, band) is the covariance of s. The weights are S^-1 c. As P depends on a, both are iterated. Spectrum c is
     that of glint in images of radiance or of reflectance, whichever has the smaller (s - a c)^T S^-1 (s - a c). With
     regression "ols", s' is s, and the weights are V^-1 s. `explained` is as in `slopes_of_glint`.
     """
@@ -64,7 +64,7 @@ def slopes_of_glint(slopes: Float64, explained: Float64, request: FitRequest) ->
 
     A band keeps its slope in `slopes` (band,) except in two cases. If no slope is more than `COLOUR` below the spectrum
     of glint, each lower slope is raised to the spectrum: noise or delays hide glint. A slope more than `COLOUR` above
-    the spectrum is lowered to it: foam, with a NIR darker than glint, raised it. The spectrum is that of radiance or
+    the spectrum is due to foam, darker in the NIR than glint, and is lowered to it. The spectrum is that of radiance or
     reflectance, whichever is nearer to `slopes`. The new slope is at most the old one divided by `explained`, (band,),
     the share of the variance of the band that its prediction explains; if that is not positive, there is no such limit.
     """

@@ -78,7 +78,7 @@ def second_is_better(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
 
 
 def _residual_power(grams: LagGrams, kernel: Float64) -> Float64:
-    """Residual power (square,) of a 3 x 3 `kernel` (input, band): sum over bands, relative to power in the sample."""
+    """Sum over bands of residual power relative to power in the sample, (square,); `kernel`: 3 x 3, (input, band)."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.asarray((unexplained(grams.grams, inputs, outputs, kernel) / power).sum(axis=1))

@@ -114,7 +114,7 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], *, strips: GivenStrips
 
 
 def prepare(request: FitRequest, tiles: Sequence[SampleTile]) -> Prepared:
-    """Prepare the tiles of a sample for fits with the references of `request`, with all or some of `request.more`."""
+    """Prepare the tiles of a sample for fits with the references of `request`; fits may omit any of `request.more`."""
     request, notes = _without_constant(request, tiles)
     rules = _rules(request, tiles, list(dict.fromkeys(r for s in band_sets(request) for r in s.references)))
     cleaned = [_cleaned(tile, request, rules) for tile in tiles]
@@ -157,7 +157,7 @@ def fit_without_levels(ready: Prepared, *, strips: GivenStrips = None) -> tuple[
 
 
 def _without_constant(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[FitRequest, tuple[str, ...]]:
-    """Delete wavelengths of constant or empty bands, so that these are no references; return the request and notes."""
+    """Delete wavelengths of constant or empty bands, so that such bands are no references; return request, warnings."""
     bands, notes = list(request.bands), []
     for i in set(range(len(bands))).difference(request.correct, request.nir):
         values = np.concatenate([t.block[i][t.sample] for t in tiles])
@@ -182,7 +182,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Places of a tile's squares, (square, 2); mask (square,), True if the second kernel of `pair` fits better."""
+    """Row and column of each square of a tile, (square, 2); mask (square,), True if kernel 2 of `pair` fits better."""
     cleaned = _cleaned(tile, request, rules)
     grams = _gathered(band_sets(request)[0], [cleaned], [_kernel_planes(cleaned, cleaned.sample, request)])
     return grams.places, second_is_better(grams, pair)
@@ -200,7 +200,7 @@ def _gathered(band_set: BandSet, tiles: Sequence[_Cleaned], planes: Sequence[_Ke
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Split squares of `grams` (one per band set) by kind of strip: [kind][set]. All are one kind if a kind is rare."""
+    """Split squares of `grams` (one per band set) by kind of strip: [kind][set]. They are not split if one is rare."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
@@ -224,7 +224,7 @@ def band_sets(request: FitRequest) -> list[BandSet]:
 
 
 def _supports_to_try(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tuple[int, ...], ...]:
-    """Supports (side of the kernel on each of `references` [pixel]) to try; `waves` are wavelengths of bands [nm]."""
+    """Supports (side of the kernel on each of `references` [pixel]) to try; `waves`: wavelengths of all bands [nm]."""
     count = len(references)
     if count == 1:
         return kernels.SUPPORTS
@@ -275,7 +275,7 @@ def _kernel_planes(tile: _Cleaned, sample: Mask, request: FitRequest) -> _Kernel
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks `inside` without outliers (deviations `high` from local means too large for glint) and pixels near them."""
+    """Masks `inside` without pixels at or near which the deviation `high` from local means is too large for glint."""
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
     if not tops:
@@ -289,7 +289,7 @@ def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[M
 def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references: int) -> list[Mask]:
     """Masks `inside` without water where the NIR does not explain the bands (`UNLIKE`), because it shows the bottom.
 
-    high : for each tile (plane, row, column) minus local means: planes of `references` references, then of the bands
+    high : for each tile (plane, row, column), minus local means: references (their number is `references`), bands
     """
     total, left = partial(box_sum, side=LOCAL_MEAN), []
     for planes, mask in zip(high, inside, strict=True):
@@ -303,7 +303,7 @@ def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references:
 
 
 def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: CommonGlint) -> GlintModel:
-    """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses."""
+    """Make a model, with levels 0, from kernels `fitted` for each kind of strip and the new responses in `common`."""
     whole = common.response + common.hidden  # change of a band if its NIR rises by 1 everywhere
     slopes = [float(s) if s > ROUNDING * whole.max() else 0.0 for s in whole]
     indexes = [_indexes(some, common, [s or 1.0 for s in slopes]) for some in fitted]
@@ -339,7 +339,7 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
 
 
 def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequence[_Cleaned], side: int) -> LevelSample:
-    """Values for the levels of the bands `some` (positions in `fits`); local means are over `side` x `side` pixels."""
+    """`LevelSample` of the bands `some` (positions in `fits`). Its local means are over `side` x `side` pixels."""
     import cv2
 
     slopes = np.array([f.slope for f in model.fits])[some]
@@ -359,7 +359,7 @@ def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequen
 
 
 def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned], request: FitRequest) -> GlintModel:
-    """The model with levels, from `of_glint` by `shared_level`, their error, floors, and a warning if uncertain."""
+    """Add levels (`shared_level`, with slopes `of_glint`), their error, `floors` and `_sheet_warning` to the model."""
     every = np.array([f.slope for f in model.fits])
     some = np.flatnonzero(every)  # bands without glint are not changed
     slopes, of_glint = every[some], of_glint[some]
@@ -381,7 +381,7 @@ def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned
 
 
 def _sheet_warning(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
-    """Warning, if any, of an even sheet of glint (`SHEET`); `green` is the median of green after removal."""
+    """Warning, if any, of a sheet of glint (`SHEET`), from the level `interval` and median `green` after removal."""
     lowest, chosen, middle = interval
     warning = (
         f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "
