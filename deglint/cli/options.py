@@ -48,7 +48,7 @@ def heading(text: str) -> Decorator:
 
 
 class ChoiceFromTable(click.Choice[str]):
-    """Option type with values `words` and entries of `table` (dict, tuple, Literal) in `module`, imported on use."""
+    """Option type with values `words` and entries of `table` (dict, tuple, Literal); `module` is imported on use."""
 
     def __init__(self, table: str, module: str, *words: str) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, False
@@ -66,7 +66,7 @@ class ChoiceFromTable(click.Choice[str]):
         return [(name, f"{summary}; takes --{own}" if own else summary) for name, summary, own in rows]
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
-        """The usual message, and the choice that is similar to `value`, if any."""
+        """The error message of click, with the allowed value that is similar to `value`, if there is one."""
         said = super().get_invalid_choice_message(value, ctx).rstrip(".")
         return said + (nearest(str(value), list(self.choices)) or ".")
 
@@ -76,7 +76,7 @@ SKY_CHOICE = ChoiceFromTable("SKY_MODELS", "deglint.physics.sky")
 
 
 class FileName(click.Path):
-    """Type of file-name options. A shell completes `words`, such as "auto", presets (if `presets`) and file names."""
+    """Option type for a file name, one of `words` or, if `presets`, a sensor preset; a shell completes all of them."""
 
     def __init__(self, *words: str, presets: bool = False) -> None:
         super().__init__(readable=False)
@@ -84,7 +84,7 @@ class FileName(click.Path):
         self._words, self._presets = words, presets
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the name; raise a usage error if it is a word that is neither allowed nor an existing file."""
+        """Return the value. If the option takes words and FILE, another word that is no file raises a usage error."""
         words = self._words if "FILE" in str(param and param.metavar) else ()
         if words and value.isalpha() and value not in words and not os.path.exists(value):  # noqa: PTH110
             hint = nearest(value, list(words)) or "."
@@ -134,7 +134,7 @@ def parsed(read: Callable[[str], object], wrong: str) -> Callable[..., object]:
 
 
 def place(option: str, metavar: str, said: str) -> Decorator:
-    """Make an option for a file name or one of the lower-case words in `metavar`, of which the first is the default."""
+    """Make an option for a file or a lower-case word in `metavar`, by default the first; `said` is its help text."""
     words = [word for word in metavar.split("|") if word.islower()]
     return click.option(option, type=FileName(*words), default=words[0], metavar=metavar, help=said)
 

@@ -89,10 +89,10 @@ HELP = {
 @options.print_sidecar
 @options.messages
 def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
-    """Remove sun glint from IN and write OUT, a GeoTIFF with the input's type, tags and place.
+    """Remove sun glint from IN and write OUT, a GeoTIFF with the input's data type, tags and georeference.
 
     IN is any raster that GDAL reads, or a product: its folder, archive or metadata file. Several files are stacked.
-    OUT.json beside it records what was done.
+    OUT.json, beside OUT, records what was done.
 
     \b
     deglint remove scene.tif clean.tif
@@ -138,9 +138,9 @@ def unused_by_model(given: Mapping[str, object]) -> str:
 def dry_run(
     inputs: Sequence[str], targets: Outputs, recipe: Recipe, saved: Saved, given: dict[str, Any], console: Console
 ) -> None:
-    """Open the scene and fit the recipe, or take the model and chain `saved`; print the files that would be written.
+    """Open the scene; fit the recipe, or use `saved` (model, compensation chain); print what a run would do and write.
 
-    Their sizes are those before compression. An option that the run would refuse raises the same error as in the run.
+    File sizes are those before compression. An option that the run would refuse raises the same error as in the run.
     """
     import numpy as np
 

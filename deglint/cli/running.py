@@ -56,7 +56,7 @@ class Commands(click.Group):
             return int(end.code or 0)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Count -v, also after the subcommand, as -vv prints tracebacks; then parse the arguments of the group."""
+        """Count -v, also after the subcommand, because -vv prints tracebacks; then parse the arguments of the group."""
         ctx.color = False if os.environ.get("NO_COLOR") else ctx.color  # None: colours on a terminal only
         ctx.meta["verbose"] = args.count("--verbose") + sum(a.count("v") for a in args if re.fullmatch("-[vqh]+", a))
         return super().parse_args(ctx, args)

@@ -42,8 +42,8 @@ def check_quantity(name: str, value: npt.ArrayLike, low: float, high: float, uni
 def ranged(default: object, low: float, high: float, unit: str, remedy: str, **more: object) -> Any:
     """Make a field of a `Checked` dataclass whose value must be a number in [low, high], or None; NaN is not allowed.
 
-    `default` is MISSING for a required field. If `default` is a tuple, the value must have as many numbers, each in
-    [low, high]. `unit` and `remedy` are as in `within`. `more` is further metadata of the field; with
+    `default` is MISSING for a required field. If `default` is a tuple of n numbers, the value must have n numbers, each
+    in [low, high]. `unit` and `remedy` are as in `within`. `more` is further metadata of the field; with
     ``integer=True``, the value must be an integer.
     """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})

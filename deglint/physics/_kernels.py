@@ -19,10 +19,10 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 
     Rows slab[0] to slab[1] - 1 are processed in place. `steps` are the wavenumber steps from row to row and from column
     to column [rad/m]. The contributions of the waves in each row to the variances of height [m2], east slope and north
-    slope, and to the covariance of both slopes, are added to `sums` (row, 4). `table` is (first ln wavenumber, step
-    of ln wavenumber, ln omnidirectional spectral density (n,), Elfouhaily's D (n,)), and `along` is the unit vector
-    (east, north) downwind. `how` is (code of the directional spreading, exponent s, value of `spectra.spreading_norm`,
-    share of the energy that travels upwind). The amplitudes of the mean and of the Nyquist frequency are set to 0.
+    slope, and to the covariance of both slopes, are added to `sums` (row, 4). `table` is (first ln wavenumber, step of
+    ln wavenumber, ln omnidirectional spectral density (n,), result of `spectra.elfouhaily_spread` (n,)); `along` is the
+    unit vector (east, north) downwind. `how` is (code of the directional spreading, exponent s, result of
+    `spectra.spreading_norm`, share of energy that goes upwind). The mean and Nyquist frequencies get amplitude 0.
     """
     rows, columns = noise.shape
     row_step, column_step = steps
@@ -89,7 +89,7 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
 
 @njit(nogil=True, cache=True)
 def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
-    """Multiply the spectrum of a scene by the MTF, and average rows that are aliases of each other at the pixels.
+    """Multiply the spectrum of a scene by the MTF, and average rows whose frequencies are aliases on the pixel grid.
 
     `spectrum`, from a real FFT of the fine grid, is (fine rows, fine columns // 2 + 1); `out` is (rows of pixels, fine
     columns // 2 + 1). The result is added to the rows `first` to `last` - 1 of `out`. `row_factor` and `column_factor`

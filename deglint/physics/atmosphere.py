@@ -93,7 +93,7 @@ def irradiance(
 ) -> Irradiance:
     """Compute direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
 
-    Both are for a horizontal plane. The direct irradiance of a plane facing the sun is direct / cos(sun zenith).
+    Both [W m-2 nm-1] are for a horizontal plane. A plane facing the sun receives direct / cos(sun zenith) from it.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Sun glint in closed form: the facet that reflects the sun into the sensor, its probability, and the glint radiance.
 
 The solar disk is assumed to be small; only single reflections are modelled; waves do not hide each other. The normal
-of the facet that glints then bisects the angle between the directions to sun and sensor. The share of the pixel that
-glints follows from the probability density of slopes, without a sum over facets. Angles of sun and sensor are as seen
-from the target. `sun_glint` computes this density from the wind; `probability` and `radiance` take it as an argument.
+of the facet that glints then bisects the angle between the directions to sun and sensor. The glinting share of a pixel
+follows from the probability density of slopes, without a sum over facets. `sun_glint` computes this density from the
+wind; `probability` and `radiance` take it as an argument. Angles of sun and sensor are as seen from the target.
 
 References
 ----------
@@ -152,7 +152,7 @@ def sun_glint(
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
         Zenith angles and azimuths of the sun and of the sensor, from the target [degree]; see `facet`.
     wind : array_like
-        Wind speed at the reference height of the model [m/s], 0.1 to 20; `slopes.wind_at_height` converts a wind to it.
+        Wind speed [m/s], 0.1 to 20, at the reference height in `slopes.MODELS` of `model`; see `slopes.wind_at_height`.
     wind_from : array_like
         Azimuth that the wind blows from [degree].
     model : str

@@ -76,7 +76,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
 def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
     """Absorption by all particles, A C^E [1/m] (Bricaud et al. 1998); it is 0 from 720 nm on.
 
-    `wavelength` is in nm, `chlorophyll` (C) in mg m-3, as in `case1`. A and E in the ultraviolet are from other papers.
+    `wavelength` [nm] and `chlorophyll` C [mg m-3] are as in `case1`. The table's file gives the sources of A and E.
 
     Examples
     --------

@@ -131,10 +131,10 @@ def _reflected(
 
 
 def _nodes(zenith: float, variance_along: Array, variance_across: Array) -> tuple[Array, Array, Array]:
-    """Nodes (slopes along and across the sensor's azimuth) and weights of an integral over slopes [1].
+    """Return nodes (slopes along and across the sensor's azimuth) and weights of an integral over these slopes [1].
 
-    The shapes are (`NODES`, `NODES`), (`NODES`, 1) and (`NODES`, `NODES`). The integral is over slopes up to 5 standard
-    deviations that reflect the sky: there, the integrand is smooth. `zenith` is the sensor's zenith angle [degree].
+    The shapes are (`NODES`, `NODES`), (`NODES`, 1) and (`NODES`, `NODES`). The range is 5 standard deviations, limited
+    to slopes that reflect the sky: there, the integrand is smooth. `zenith` is the sensor's zenith angle [degree].
     """
     x, w = _gauss_legendre(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
@@ -164,7 +164,7 @@ def _arccos(cosine: Array) -> Array:
 
 
 def _from_sun(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
-    """Cosine of the angle between a direction and the sun, from zenith angle cosines, azimuth difference [radian]."""
+    """Cosine of the angle between direction and sun, from zenith angle cosines and the azimuth difference [radian]."""
     return cosine * sun_cosine + np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2)) * np.cos(turn)
 
 

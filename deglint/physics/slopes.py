@@ -76,11 +76,11 @@ def density(
     upwind, crosswind : array_like
         Slope along the two axes of the wind [1].
     wind : array_like
-        Wind speed at the reference height of the model [m/s], 0.1 to 20; see `wind_at_height`.
+        Wind speed [m/s], 0.1 to 20, at the reference height of the model, `SlopeModel.height`; see `wind_at_height`.
     model : str
         One of `MODELS`.
     clip : bool
-        If True, the density is 0 where the series is negative, and normalised again; if False, it is negative there.
+        If True, negative values are set to 0, and the density is normalised again; if False, negative values remain.
 
     Examples
     --------
@@ -222,9 +222,9 @@ def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, 
 
 @cache
 def _negative_mass(model: str) -> tuple[Array, Array]:
-    """Winds (n,) [m/s], and the integral of the negative part of the Gram-Charlier density for each wind (n,) [1].
+    """Winds (n,) [m/s], and for each wind the integral of -p over slopes where the density p is negative (n,) [1].
 
-    The integrals are positive; linear interpolation between winds is accurate to 1e-5. `model` must not be Gaussian.
+    Linear interpolation between winds is accurate to 1e-5. `model` must have a Gram-Charlier series.
     """
     chosen = MODELS[model]
     assert chosen.skewness is not None

@@ -111,7 +111,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     Notes
     -----
     Waves that are longer than the grid, or not resolved by it, are absent. The significant wave height is right to a
-    few percent on a grid four peak wavelengths wide; for slopes, one is enough. A grid point takes 25 bytes of memory.
+    few percent on a grid four peak wavelengths wide; for slopes, one wavelength is enough. A grid point takes 25 bytes.
 
     References
     ----------

@@ -101,8 +101,8 @@ def spread_convention(sea: Sea) -> Spreading:
 def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
     """Energy-weighted mean of cos(2a) over the waves of a wavenumber [rad/m]; a is the angle between wave and wind.
 
-    It is 0 for isotropic waves, and 1 if all waves travel along the wind. It is D / 2 for Elfouhaily's spreading (D is
-    `spectra.elfouhaily_spread`), and for cos-2s ``s (s-1) / ((s+1)(s+2))`` (half-angle) or ``s / (s+1)`` (full-angle).
+    The mean is 0 for isotropic waves, and 1 if all waves travel along the wind. It is `spectra.elfouhaily_spread` / 2
+    for the spreading "elfouhaily", ``s (s-1) / ((s+1)(s+2))`` for "half-angle", and ``s / (s+1)`` for "full-angle".
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     convention, s = spread_convention(sea), sea.exponent

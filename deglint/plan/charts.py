@@ -23,7 +23,7 @@ _ROW = 6  # number of small reticles in a row
 def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Reticle]) -> Image:
     """Draw contrast and share of excluded viewing geometries over time and, below, a small disc for each reticle.
 
-    `moments` are the summaries of all times; `plans` maps an index in `moments`, as from `selected`, to its reticle.
+    `moments` are the summaries of all times. `plans` maps indices in `moments`, usually from `selected`, to reticles.
     """
     rows = -(-len(plans) // _ROW)
     canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))

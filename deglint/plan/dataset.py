@@ -1,4 +1,4 @@
-"""Convert a plan to an xarray dataset, to arrays over the viewing geometries by name, or to values for JSON."""
+"""Convert a plan to an xarray dataset, to named arrays over the viewing geometries, or to values for JSON."""
 
 from typing import Any
 
@@ -79,7 +79,7 @@ def dataset(plan: Reticle) -> Any:
 
 
 def summary(plan: Reticle) -> dict[str, object]:
-    """Summarise the plan for JSON: mission, sun, excluded share, texts, best viewing geometry with values by band."""
+    """Summary of a plan for JSON: mission, sun, excluded share, texts; best viewing geometry with values by band."""
     geometry = best_geometry(plan)
     return {
         "mission": tables_of(plan.mission),
@@ -98,7 +98,7 @@ def excluded_share(plan: Reticle) -> float:
 
 
 def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, object]:
-    """Values of a viewing geometry for JSON: angles, contrast, glint; `_NUMBER_LAYERS` and electrons of each band."""
+    """Values of a viewing geometry for JSON: angles, contrast, glint and, by band, `_NUMBER_LAYERS` and electrons."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
     return {

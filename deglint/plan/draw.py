@@ -70,7 +70,7 @@ class Canvas:
     def text(
         self, at: Point, text: str, size: float = 15.0, colour: Colour = INK, *, anchor: str = "la", halo: bool = False
     ) -> None:
-        """Add a line of text, which `finished` draws; `anchor` is as in Pillow, and `halo` adds a white outline."""
+        """Add a line of text, which `finished` draws with its Pillow `anchor` at `at`; `halo` adds a white outline."""
         self._texts.append((at, text, size, colour, anchor, halo))
 
     def lines(
@@ -166,7 +166,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 
 def _warped(values: Values, radius: int) -> npt.NDArray[np.float32]:
-    """Square image (row, column) of a disc, radius `_OVERSAMPLING` * `radius`, from `values` (zenith, azimuth)."""
+    """Square image (row, column) of `values` (zenith, azimuth) on a disc with radius `_OVERSAMPLING` * `radius`."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
@@ -183,7 +183,7 @@ def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Two masks, True on a disc: (row, column) for `_OVERSAMPLING` times `radius`, (row, column, 1) for `radius`."""
+    """Masks, True on a disc: (row, column) for the radius `_OVERSAMPLING` * `radius`, (row, column, 1) for `radius`."""
     fine, coarse = (
         np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _OVERSAMPLING), _axis(radius, 1))
     )
@@ -192,7 +192,7 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Values, Values]:
-    """Maps for cv2.remap: the fractional column (azimuth) and row (zenith) from which each pixel of a disc is taken.
+    """Fixed-point maps for cv2.remap: the column (azimuth) and row (zenith) from which each pixel of a disc is taken.
 
     There are `down` zenith angles and `around` azimuths; the radius of the disc is `_OVERSAMPLING` * `radius` [pixel].
     """

@@ -173,7 +173,7 @@ class Mission(Checked):
 
     @cached_property
     def moment(self) -> np.datetime64 | None:
-        """Time of the plan (UTC), by default the time of the first use; None if neither time nor latitude is given."""
+        """Time of the plan (UTC), by default the time of first access; None if neither time nor latitude is given."""
         if self.time is not None:
             return sun.moment(self.time)
         return None if self.latitude is None else np.datetime64("now", "s")
@@ -321,7 +321,7 @@ def pressure(value: object) -> float:
 
 
 def _read(table: str, values: object, known: Iterable[str], name: str) -> dict[str, Any]:
-    """Copy the table `values` with numbers as float; raise InputError if it is no table or a key or number is wrong."""
+    """Copy the table `values` with numbers as float; raise InputError for a wrong value or a key not in `known`."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}

@@ -72,9 +72,9 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[draw.Values, list[Pattern]]:
-    """Contrast over noise (zenith, azimuth), and hatchings for too little contrast, for sky glint and for sun glint.
+    """Contrast over noise (zenith, azimuth); hatchings for low contrast or saturation, for sky glint and for sun glint.
 
-    The contrast is that of `band` or, by default, of all bands together that are detectable and clear of sky glint.
+    The contrast is that of `band`. By default, it combines all bands that are detectable and clear of sky glint.
     """
     # arrays of hatchings are smooth, and above 0 where hatched: `draw.disc` interpolates them to draw smooth edges
     limits = plan.mission.limits
@@ -100,7 +100,7 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[draw.Values, list[Pa
 def sky_disc(
     canvas: Canvas, centre: Point, radius: int, plan: Reticle, share: draw.Values, patterns: Sequence[Pattern] = ()
 ) -> None:
-    """Draw a disc as in `draw.disc`, with rings of equal zenith angle and the sun; a large disc has a compass rose."""
+    """Draw a disc as in `draw.disc`, with the sun and rings of equal zenith angle; a large disc has a compass rose."""
     draw.disc(canvas, centre, radius, share, patterns)
     widest, small = plan.mission.widest, radius < LABELLED
     every = 20 if widest > 40 else 10

@@ -173,7 +173,7 @@ def reticle(mission: Mission) -> Reticle:
 def _over_object(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
     """Coefficients a [1] and b [1/sr]: the reflectance over the object is a times that of deep water, plus b.
 
-    Both are (wavelength, zenith). `sea` is the water; `direct_fraction` (wavelength,) is direct over total irradiance.
+    Both are (wavelength, zenith of the sensor). `direct_fraction` (wavelength,) is direct over total irradiance.
     """
     column = Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance

@@ -2,7 +2,7 @@
 
 A facet is a small plane part of the surface. Both quantities are sums over facets (Fink 2014, eq. 2.26 and 2.27),
 weighted by the share of the sea that each facet covers as seen by the sensor. Both vary slowly, so they are computed at
-several hundred viewing geometries and interpolated to all others. Facets that reflect the sea do not contribute.
+`ZENITHS` x `AZIMUTHS` viewing geometries and interpolated to all others. Facets that reflect the sea do not contribute.
 """
 
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ class Wind(NamedTuple):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Keyword arguments of `deglint.physics.glint.sun_glint`."""
+        """The wind as keyword arguments of `deglint.physics.glint.sun_glint`."""
         return {"wind": self.speed, "wind_from": self.blows_from, "model": self.model}
 
 
@@ -37,7 +37,7 @@ class Skylight:
     """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
 
     `sun` is (zenith angle, azimuth), `model` the sky model. `mean` differs by up to 1 % from `sky.reflectance`, which
-    does not interpolate. Sums include the azimuth opposite the sun, where the bright reflection of the sky is narrow.
+    does not interpolate. One azimuth of the sums is opposite the sun, where the bright reflection of the sky is narrow.
     """
 
     def __init__(self, zenith: Floats, azimuth: Floats, sun: tuple[float, float], wind: Wind, *, model: str) -> None:

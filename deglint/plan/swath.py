@@ -1,6 +1,6 @@
 """Flight lines: share of the field of view in glint for each heading, and the heading with the least glint.
 
-If every heading has glint, `alternatives` finds another time to fly, or a tilt of the sensor.
+If every heading has too much glint, `alternatives` searches for another time to fly and another tilt of the sensor.
 """
 
 from collections.abc import Iterator
@@ -124,9 +124,9 @@ class Alternative:
 def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
     """Find at most one other time and one other tilt of the sensor for which a flight line has less glint.
 
-    The time is the one nearest to that of the mission, and the tilt the one with the smallest angle, for which at most
-    the share `FREE` of the view is in glint. If there is none, the time (or tilt) with the least glint is selected, if
-    its share is below `WORTHWHILE` times that on the best heading of `line`. The result is empty if `line.is_good`.
+    A time (or tilt) is suitable if at most the share `FREE` of the view is in glint. The nearest suitable time and the
+    smallest suitable tilt are selected. If there is none, the time (or tilt) with the smallest share is selected, if
+    this share is below `WORTHWHILE` times that on the best heading of `line`. The result is empty if `line.is_good`.
     """
     if line.is_good:
         return ()
@@ -157,14 +157,14 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Yield the best line with roll or pitch replaced by each of `_angles(view)`, to either side; smallest first."""
+    """Yield the best line with roll or pitch set to plus or minus each of `_angles(view)`, smallest angle first."""
     for tilt in _angles(view):
         for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
             yield _tried(mission, replace(view, **change), None)
 
 
 def _angles(view: FieldOfView) -> list[float]:
-    """Angles of `TILTS` [degree] for which tilt plus half of the larger angle of the view is below 80 degrees."""
+    """Tilts in `TILTS` [degree] whose sum with half of the larger angle of the view is below 80 degrees."""
     return [tilt for tilt in TILTS if tilt + 0.5 * max(view.across, view.along) < 80.0]
 
 
@@ -175,7 +175,7 @@ def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> A
 
 
 def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
-    """Lines of text that recommend a heading, or state that any or none is good; then alternatives or a remedy."""
+    """Lines of text that recommend a heading, or state that any or none is good; then alternatives, or other advice."""
     out = [line.words(), *(one.words() for one in others)]
     if not line.is_good and not others:
         tried = ["other time of the day"] if line.mission.place and line.mission.sun_zenith is None else []
@@ -186,7 +186,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, object]:
-    """Values for JSON (use `raster.output.plain`): mission, view, best heading, alternatives, glint of all headings."""
+    """Values for JSON via `raster.output.plain`: mission, view, best heading, alternatives, glint of all headings."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

@@ -31,8 +31,8 @@ class Moment:
 def times(start: sun.Time, end: sun.Time, minutes: float) -> list[np.datetime64]:
     """Times (UTC) from `start` to `end`, `minutes` apart; the end is included if a step falls on it.
 
-    `start` and `end` are as `time` in `sun.position`. Raises InputError if the end lies before the start, or if
-    `minutes` is not 0.02 to 1e6.
+    `start` and `end` are ISO 8601 texts, datetime or numpy.datetime64, in UTC if they have no time zone. Raises
+    InputError if the end lies before the start, or if `minutes` is not 0.02 to 1e6.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
@@ -102,7 +102,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, object]:
-    """Values for JSON (use `raster.output.plain`): mission, summary of the best time, and summaries of all times."""
+    """Values for JSON via `raster.output.plain`: mission, summary of the best time, and summaries of all times."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)
@@ -156,7 +156,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, object]:
-        """Values for JSON (use `raster.output.plain`): winds, best geometry, ranges there, share of excluding winds."""
+        """Values for JSON via `raster.output.plain`: winds, best geometry, share of winds that exclude a geometry."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

@@ -245,7 +245,7 @@ def add_overviews(path: Path, options: Mapping[str, object], *, average: bool) -
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Open a writer for each (target, layout) of `images`; yield the writers by key. Flags also get a file .aux.xml."""
+    """Open a writer for each (target, layout) of `images`; yield writers by key. Rasters of flags get an .aux.xml."""
     for target, layout in images.values():
         if layout.flags:
             write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))

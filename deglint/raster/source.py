@@ -211,7 +211,7 @@ def _open(file: FileBands) -> Any:
 
 
 def _read_file(file: FileBands, dataset: Any, bands: list[int], window: Window, dtype: Any) -> tuple[Raw, Valid | None]:
-    """Read `bands` (0-based, in `file.indexes`) of a file as values of type `dtype`, and the mask as in `_stacked`."""
+    """Read `bands` (0-based positions in `file.indexes`) as values of type `dtype`, and the mask as in `_stacked`."""
     (top, bottom), (left, right) = window
     raw, indexes = np.empty((len(bands), bottom - top, right - left), dtype), [file.indexes[b] for b in bands]
     if len({dataset.dtypes[i - 1] for i in indexes}) == 1:

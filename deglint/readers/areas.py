@@ -83,7 +83,7 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
     A window is "column,row,width,height" [pixel], as in -srcwin of gdal_translate. Error messages name the option
     `option`. Raises ReadError if a file cannot be read, and InputError if `text` is not valid or the area lies outside
-    the scene. If the area contains no pixel, raises NoWaterError for the option "--mask", and InputError for others.
+    the scene. If the area contains no pixel, raises NoWaterError if `option` is "--mask", and InputError otherwise.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -117,7 +117,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
 
     The member `crs` of `document` names the CRS of the coordinates. Without `crs`, they are longitude and latitude (RFC
     7946), or in the scene's CRS if an |x| exceeds 360 or a |y| exceeds 90. If the scene has no CRS, they are map
-    coordinates of the scene (pixels without a transform). Raises InputError if there is no polygon, or an invalid one.
+    coordinates or, without a transform, column and row. Raises InputError if there is no polygon, or an invalid one.
     """
     from rasterio.warp import transform_geom
 
@@ -201,7 +201,7 @@ def _polygons(document: object, name: str) -> Iterator[dict[str, Any]]:
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
-    """The CRS that GeoJSON file `name` states, else longitude and latitude. Raises InputError if the CRS is unknown."""
+    """CRS that `document` (of file `name`) states, else longitude and latitude. Raises InputError if it is unknown."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

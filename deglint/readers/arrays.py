@@ -141,7 +141,7 @@ def _lists(array: "DataArray", band: Hashable, count: int) -> dict[Any, list[Any
     """Attributes that are lists with one entry per band, reduced to the entries of the `count` bands in the array.
 
     `band` is the name of the band dimension, or None. If a user selects bands in xarray, such lists still have the
-    entries of all bands. If the band coordinate has numbers from 1, as in rioxarray, they select the entries.
+    entries of all bands. If the band coordinate has numbers from 1, as in rioxarray, these numbers select the entries.
     """
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
@@ -214,9 +214,9 @@ def _crs(array: "DataArray", grid: Mapping[str, Any]) -> Any:
 def _transform(array: "DataArray", grid: Mapping[str, Any], rows: Hashable, columns: Hashable) -> Affine | None:
     """Affine transform of an array, from its coordinates along the dimensions called `rows` and `columns`.
 
-    A transform that `grid` (the attributes of the grid mapping) or the array declares is returned if it agrees with the
-    coordinates, as its numbers are exact, or if there are no coordinates. The result is None if the array has neither
-    a transform nor coordinates. Raises InputError if the coordinates are not evenly spaced.
+    A transform that `grid` (the attributes of the grid mapping) or the array declares has exact numbers. It is returned
+    if it agrees with the coordinates, or if there are no coordinates. The result is None if the array has neither a
+    transform nor coordinates. Raises InputError if the coordinates are not evenly spaced.
     """
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None

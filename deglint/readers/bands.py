@@ -100,7 +100,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Derive missing wavelengths from codes, letters or colours in names, not for `unnamed`; return bands and notes."""
+    """Add missing wavelengths from codes, letters or colours in names (not of `unnamed` bands); return bands, notes."""
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     filled = []
     for i, (band, letter) in enumerate(zip(bands, spectral.letter_wavelengths([b.name for b in bands]), strict=True)):
@@ -124,8 +124,8 @@ def nominal_pixel(scene: Scene) -> float | None:
 def _dialect(names: Sequence[str]) -> Sensor | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Codes like B02 (with zero), B8A or B12 identify Sentinel-2. 3 or more codes that include B8 but not B5 do so, too:
-    in Landsat 8, B8 is panchromatic, and B5 is the NIR. SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
+    Codes like B02 (with zero), B8A or B12 identify Sentinel-2. So do 3 or more codes with B8 (its NIR) but without B5
+    (the NIR of Landsat 8, whose B8 is panchromatic). SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
     """
     plain = [sensors.normalise(n) for n in names]
     codes = {c for n in names if (c := spectral.band_code(n))}

@@ -105,7 +105,7 @@ def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
 
 
 def _pixel_area(info: RasterInfo, first: RasterInfo) -> float:
-    """Area of one pixel of a file, in the CRS of file `first`, from the areas of the file's bounds in both CRS."""
+    """Area of a file's pixel, converted to the CRS of file `first` by the ratio of the bounds' areas in both CRS."""
     own, there = (abs((b[2] - b[0]) * (b[3] - b[1])) for b in (_bounds(info, info), _bounds(info, first)))
     return abs(float(_transform(info).determinant)) * (there / own if own else 1.0)
 
@@ -216,7 +216,7 @@ def ground_size(transform: Affine | None, crs: Any, height: int, width: int) -> 
     """Sides on the ground [m], along a row and a column, of the central pixel of a raster of `height` x `width` pixels.
 
     They are distances on the ellipsoid: coordinates may be in degrees, and web Mercator multiplies lengths by
-    1 / cos(latitude). Lengths in the CRS are returned if they differ by up to 1 %. None without CRS or transform.
+    1 / cos(latitude). Lengths in the CRS within 1 % of them are returned instead. None without CRS or transform.
     """
     from rasterio.warp import transform as to_crs
 

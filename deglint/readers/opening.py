@@ -61,8 +61,8 @@ def open_scene(
         bands are taken. Bands of several files are stacked in the order given, on one grid; larger pixels are resampled
         bilinearly, smaller ones are averaged, in the data type of their file.
     sensor : str, optional
-        Name of a sensor preset (`deglint.sensors.names`) or of a .toml file, which supplies the properties of bands
-        that the file does not state. By default, the preset named in a tag of the file, if it fits the bands.
+        Name of a sensor preset (`deglint.sensors.names`) or of a .toml file. It supplies band properties that the
+        image does not state. By default, the preset that a tag of the image names is used, if it fits the bands.
     nir : str, int or sequence, optional
         Near-infrared band(s), as `wanted` in `find_nir`; they are checked, and recorded in `Scene.notes`.
     nodata : float or "none", optional
@@ -144,8 +144,8 @@ def _stacked(
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int) -> RasterInfo:
     """Describe a file. Its alpha band becomes a band of the scene, or it is left out and a line is added to `notes`.
 
-    It becomes a band if the user selects it as `nir`, or if the file then has as many bands as the user gives names or
-    wavelengths (`count`, 0 if none), or as a product of the preset `sensor` has.
+    It becomes a band if the user selects it as `nir`, or if only then the number of bands is right, namely `count`
+    (number of names or wavelengths that the user gives, 0 if none) or that of a product of the sensor `sensor`.
     """
     info = describe_file(path)
     if info.alpha is None:
@@ -164,7 +164,7 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
     """A copy of `info` with the nodata to use for each band.
 
     A given `nodata` is used for all bands ("none": no nodata). Raises InputError if the type of a band cannot hold it.
-    If it is None, each band keeps its own nodata; if the type cannot hold that, it is removed, with a line in `notes`.
+    If `nodata` is None, bands keep their own values; one that the type cannot hold is removed, with a line in `notes`.
     """
     if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
         check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')

@@ -127,7 +127,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 def _nodata(value: float, same: list[Alike], blocks: list[Block], scene: Scene, info: RasterInfo) -> Undeclared:
     """Return `value` as nodata of the bands, or no finding if areas where all bands have it are small or saturated.
 
-    A band gets no nodata if it also has `value` in many pixels where other bands have other values.
+    A band with `value` in many pixels where others differ gets no nodata. `same`: see `Alike`; `blocks`: see `Block`.
     """
     total = fill = areas = 0
     single, beside = np.zeros(info.count), []
@@ -227,7 +227,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
 
 
 def _percentiles(blocks: list[Block], nodatas: Nodatas, percent: float) -> list[float]:
-    """Percentile `percent` of each band's valid file values, where not all bands are 0; infinite if there are none."""
+    """Percentile `percent` of each band's valid file values in pixels where not all bands are 0; infinite if none."""
     out = []
     for band, nodata in enumerate(nodatas):
         values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])

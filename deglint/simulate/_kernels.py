@@ -9,13 +9,13 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
-    """Fill rows of `out`: for each facet, slope density at the glinting slope [1], and reflected sky radiance [1/sr].
+    """Fill the rows rows[0] to rows[1] - 1 of `out`, two arrays (row, column), with the results of `facets.Facets.at`.
 
-    `out` is two arrays (row, column). The glinting slope reflects the sun into the sensor; the sky is per diffuse
-    irradiance. `slopes` (row, column) is complex, east + i * north. `rows` is (first row, last row + 1). `sparkle` is
-    the result of `facets._draw_sparkle`, then the time [s]. `wind` is (sine and cosine of the azimuth that the wind
-    blows from, factors on upwind and crosswind slopes). `glint` is (upwind and crosswind glinting slope, variances of
-    both slopes within a facet). `table` is (result of `facets._sky_table`, first slope and step of its axes).
+    `slopes` (row, column) has the slopes of the surface, east + i * north. `sparkle` is (amplitudes, indices and
+    frequencies from `facets._draw_sparkle`, time [s]). `wind` is (sine and cosine of the azimuth that the wind blows
+    from, factors on the upwind and on the crosswind slopes of the surface). `glint` is (upwind and crosswind slope that
+    reflects the sun into the sensor, variances of upwind and crosswind slope within a facet). `table` is (result of
+    `facets._sky_table`, first slope on both of its axes, step of slope).
     """
     amplitudes, choice, frequencies, time = sparkle
     density, sky = out

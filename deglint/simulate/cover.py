@@ -48,14 +48,14 @@ class Cover:
         np.copyto(self._fixed, kind.astype(np.uint16), where=(right > shore) & (right < end))
 
     def at(self, time: float) -> Labels:
-        """Label of each facet (index in `materials`), (row, column), at a time [s] after the first band; 0 is water."""
+        """Label (index in `materials`; 0 is water) of each facet, (row, column), `time` [s] after the earliest band."""
         labels = self._fixed.copy()
         for number, target in enumerate(self.setup.targets, start=len(BASE)):
             self._draw(labels, target, number, time)
         return labels
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
-        """Draw a target in `labels` at a time [s] after the first band: its hull (label `number`) and its foam wake."""
+        """Draw hull (label `number`) and foam wake of a target in `labels`, at `time` [s] after the earliest band."""
         facet, azimuth, way = self.setup.facet, np.radians(target.heading), target.speed * time
         right, down = target.right + way * float(np.sin(azimuth)), target.down - way * float(np.cos(azimuth))
         reach = target.length + target.width + target.wake

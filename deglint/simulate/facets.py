@@ -26,7 +26,7 @@ class Facets:
 
     Notes
     -----
-    Sparkle: if a facet has n patches, each of nearly uniform slope, the variance of its relative brightness is
+    Sparkle: if a facet has n patches, each of nearly uniform slope, the variance of the facet's relative brightness is
     v = 4 / n. One random slope for each facet, with the share ``sqrt(v / (1 + v))`` of the unresolved variance, has the
     same effect. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels of
     25 cm, because every facet contains most of the unresolved slopes.
@@ -53,7 +53,7 @@ class Facets:
         self._sky = _sky_table(setup, self.unresolved)
 
     def slopes(self, *, workers: int = 1) -> tuple[Floats, Floats]:
-        """Resolved slopes towards east and towards north [1], (row, column) each, at the time of the first band."""
+        """Resolved slopes towards east and towards north [1], (row, column) each, at the time of the earliest band."""
         east, north = self.surface.slopes(workers=workers)
         if self.slope_scale == (1.0, 1.0):
             return east, north
@@ -61,9 +61,9 @@ class Facets:
         return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
     def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
-        """Density of slopes in a facet at the slope that reflects the sun to the sensor [1], and reflected sky [1/sr].
+        """Slope density in facets at `glinting_slope` [1], and reflected sky radiance per diffuse irradiance [1/sr].
 
-        Both are (row, column) of facets, at a `time` [s] after the first band. The sky is per diffuse irradiance.
+        Both are (row, column), at `time` [s] after the earliest band. `glinting_slope` reflects the sun to the sensor.
         """
         from ._kernels import reflect
 
@@ -96,9 +96,9 @@ def sparkle_share(patch: float, facet: float) -> float:
 def _draw_sparkle(setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int) -> Sparkle:
     """Draw the sparkle at random; return slope amplitudes [1], frequency indices, and angular frequencies [rad/s].
 
-    `variance` is the slope variance of the sparkle (upwind, crosswind). Amplitudes (row, column, 4) are factors on the
-    cosine and the sine in time for the upwind slope, then for the crosswind slope. The index of the frequency of each
-    facet is (row, column). Amplitudes and indices are empty if there is no sparkle.
+    `variance` is the slope variance of the sparkle (upwind, crosswind). The slope of a facet oscillates in time. The
+    amplitudes (row, column, 4) are those of the cosine and of the sine, first for the upwind, then for the crosswind
+    slope. The indices (row, column) select each facet's frequency. Both arrays are empty if there is no sparkle.
     """
     if max(variance) <= 0:
         return np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
@@ -113,7 +113,7 @@ def _draw_sparkle(setup: Setup, variance: tuple[float, float], seed: np.random.S
 
 
 def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
-    """Angular frequencies (4096,) [rad/s] of waves shorter than 2 `facet` [m], with equal shares of slope variance."""
+    """Angular frequencies (4096,) [rad/s] for equal shares of slope variance of waves shorter than 2 `facet` [m]."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))

@@ -1,7 +1,7 @@
 """Reflectance spectra of materials other than water.
 
 The values are rounded and typical of Lambertian surfaces. They are interpolated linearly between the wavelengths of the
-table, and constant beyond them. Those of sand and algae follow Lee et al. (1999), fig. 2, and Hochberg et al. (2003),
+table, and constant beyond them. Values of sand and algae follow Lee et al. (1999), fig. 2, and Hochberg et al. (2003),
 doi:10.1016/S0034-4257(02)00201-8. Foam is 0.5 in the visible, less in NIR: Frouin et al. (1996), doi:10.1029/96JC00629.
 """
 

@@ -93,8 +93,8 @@ class SimulatedScene:
         Number of the submerged object, from 1 in the order of the setup. It is 0 where there is no object, where the
         object lies below the bottom, and where land, foam or a floating target covers it in any band.
     height, slopes : (row, column) and (2, row, column) float32 ndarray, or None
-        Height [m], and slopes towards east and north [1], of the resolved waves at the time of the first band, as means
-        over each pixel; None unless `simulate` was called with `keep_surface`.
+        Height [m], and slopes towards east and north [1], of the resolved waves at the time of the earliest band, as
+        means over each pixel; None unless `simulate` was called with `keep_surface`.
     resolved_slope_variance : (float, float)
         Expected variance of the upwind and crosswind slopes of the resolved waves on this grid [1].
     cover : (band, row, column) uint8 ndarray or None
@@ -225,7 +225,7 @@ class _World:
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance (row, column) in a band: of the cover where the label in `cover` is above 0, else of water."""
+        """Radiance of facets (row, column) in a band: of the cover where `cover` (labels) is above 0, else of water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -242,10 +242,10 @@ class _World:
 
 
 class _Shot:
-    """The radiance images of one setup, before noise: working data from which its `SimulatedScene` is made.
+    """The radiance images of one setup, before noise and artefacts; `finished` makes its `SimulatedScene` from them.
 
-    `_add_bands` fills the float32 arrays band by band: `water` (band, row, column) becomes `truth_water`, and `grids`
-    has truth and glint, (2, band, row, column), on each grid of pixels. Then `finished` adds noise and artefacts.
+    `_add_bands` fills the float32 arrays band by band: `water` (band, row, column) becomes `truth_water`; `grids` has
+    truth and glint, (2, band, row, column), on the map's grid and, if the image is resampled, on the sensor's grid.
     """
 
     def __init__(self, setup: Setup, workers: int) -> None:
@@ -256,7 +256,7 @@ class _Shot:
         self.grids = [(np.empty((2, *self.water.shape), np.float32), offset) for offset in offsets]
 
     def pixels(self, spectrum: Complex, i: int, off: float = 0.0) -> Floats:
-        """Image (row, column) in band i from a layer's `spectrum`; `off` moves pixels down and right [pixel]."""
+        """Image (row, column) in band i, from the `spectrum` of facets; `off` moves pixels down and right [pixel]."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -287,7 +287,7 @@ class _Shot:
     def finished(
         self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
     ) -> SimulatedScene:
-        """Make the scene after the last band; `surface` is (height, slopes), `variance` that of the resolved slopes."""
+        """Make the scene after the last band from `surface` (height, slopes) and `variance` (of resolved slopes)."""
         setup, (truth, glint) = self.setup, self.grids[0][0]
         own_truth, own_glint = self.grids[-1][0]  # on the grid of the sensor
         image, truth_image = self.digitised(own_truth + own_glint), self.digitised(own_truth)
@@ -304,7 +304,7 @@ class _Shot:
 
 
 def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
-    """Compute the bands that `shots` take at `time` [s] after the first band; yield after each band of each shot."""
+    """Compute the bands that `shots` take at `time` [s] after the earliest band; yield after each band of each shot."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
     if cover is not None:
@@ -334,7 +334,7 @@ def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, 
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
-    """Mean height [m], (row, column), and mean slopes to east and north [1], (2, row, column), of pixels at time 0."""
+    """Means over each pixel at time 0: height [m], (row, column); slopes to east and north [1], (2, row, column)."""
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)
     n, (rows, columns) = setup.supersample, setup.grid

@@ -42,13 +42,13 @@ class FloatingTarget(Checked):
     Attributes
     ----------
     right, down : float
-        Position of the target's centre at the time of the first band, from the upper left corner of the image [m].
+        Position of the target's centre at the time of the earliest band, from the upper left corner of the image [m].
     length, width : float
         Size of the hull [m].
     speed, heading : float
         Speed [m/s], and azimuth of the motion and of the bow [degree], clockwise from north (up in the image).
     material, wake : str, float
-        Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the foam wake behind it [m].
+        Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the foam wake [m].
     """
 
     right: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
@@ -63,7 +63,7 @@ class FloatingTarget(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Setup(Checked):
-    """All parameters of a synthetic scene. Raises InputError if one is not allowed, or does not fit the others.
+    """All parameters of a synthetic scene. Raises InputError if a value is not allowed, or does not fit the others.
 
     Attributes
     ----------
@@ -80,8 +80,8 @@ class Setup(Checked):
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : float
         Zenith angles and azimuths of the sun and of the sensor, as seen from the sea surface [degree].
     sky : {"uniform", "cardioidal", "harrison-coombes"}
-        Model of the sky radiance. Only the clear sky, "harrison-coombes", has a glow around the sun; its reflection in
-        the sea looks like sun glint.
+        Model of the sky radiance. Only the clear sky, "harrison-coombes", has a glow around the sun; the reflection of
+        this glow in the sea looks like sun glint.
     air : Air, optional
         State of the atmosphere; by default humidity 80 %, visibility 40 km, water vapour 2.5 cm, winds equal to `wind`.
     chlorophyll : float

@@ -27,7 +27,7 @@ class Bottom(Checked):
         An irregular reef edge, where the depth changes: mean distance from the left edge of the image, and width [m].
         By default, the depth changes linearly over the whole image.
     roughness : float
-        Standard deviation of the depth about its mean [m]; its features have the size `patch`.
+        Standard deviation of the depth about the mean depth [m]; rises and hollows of the bottom have the size `patch`.
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share, patch : float
@@ -154,7 +154,7 @@ def thesis_array(
         Reflectance of each column of squares [1].
     sides : sequence of float, optional
         Side of the squares in each row of squares [pixel], repeated in order until there are size[0] // 64 rows. By
-        default, those of 2, 4, 8, 16 that fit, or 2 if none fits.
+        default, those of 2, 4, 8, 16 that leave gaps between the squares, or 2 if none does.
     depth : float
         Depth of all squares [m].
 

@@ -40,7 +40,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files of the product `path`. If `path` is no product, call `describe`, and add its XMP metadata."""
+    """Describe the files of product `path`. If it is no product, call `describe` and add the file's XMP metadata."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -137,7 +137,7 @@ def _first(container: Container) -> Product | None:
 
 
 def _of(family: ModuleType, container: Container) -> Product | None:
-    """The product of a family (a module of `PRODUCTS`) in a container, or None. `texts` are the metadata files read.
+    """The product of a family (a module of `PRODUCTS`) in a container, or None; `Product.texts` names all files read.
 
     If metadata are damaged, raises MetadataError; or returns None if the user named an image, to open it as a raster.
     """

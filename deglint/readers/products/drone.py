@@ -43,7 +43,7 @@ _BLACK_LEVEL = 50714  # number of the DNG tag BlackLevel, which GDAL does not re
 def find(container: Container) -> Product | None:
     """The capture in a folder or archive: a set of images that a camera took at once, one file for each band.
 
-    Returns None if there is none, or if the user named a single file (see `with_xmp`). Raises InputError for several.
+    Returns None if there is none, or if the user named one file (see `with_xmp`). Several captures raise InputError.
     """
     captures: dict[str, list[str]] = {}
     for member, match in container.matches(IMAGES):
@@ -153,7 +153,7 @@ def one(facts: Facts, name: str) -> str:
 
 
 def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[str]]:
-    """Scale, offset, unit and `FlatField` of an unprocessed capture, as fields of `ProductBand`, and notes."""
+    """Scale, offset, unit and `FlatField` of a raw capture, as fields of `ProductBand` ({} if unknown), and notes."""
     found = None if info.dtypes[0] != "uint16" else _micasense(info, facts) or _dji(facts)
     if found is None:
         return {}, ["the XMP says nothing of exposure: the numbers are taken as they stand"]
@@ -195,8 +195,8 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 def _dji(facts: Facts) -> Calibration | None:
     """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP has no values for it.
 
-    They are V c (p - black) / (gain t 2^16), where V corrects vignetting, c is the factor of the camera, and t [s] is
-    the exposure time. Their unit is not known.
+    The numbers are V c (p - black) / (gain t 2^16), where V corrects vignetting, c is SensorGainAdjustment, and t [s]
+    is the exposure time. Their unit is not known.
     """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))

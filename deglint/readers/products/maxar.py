@@ -90,9 +90,9 @@ def _without_ending(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The file to open for `stem` (a path without extension): its .TIL file, or the tile if this names only one.
+    """The file to open for `stem` (a path without extension): the .TIL file, or its tile if there is only one.
 
-    If there is no .TIL file, it is the image, or None. Raises InputError if a tile does not lie beside the .TIL file.
+    Without a .TIL file, the image is returned, or None. Raises InputError if a tile does not lie beside the .TIL file.
     """
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:

@@ -24,7 +24,7 @@ product specification; the sensor presets are for later instruments."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in `container`, or None. If the user named an image or its metadata in it, that image is used."""
+    """The product in `container`, or None. If the user named an image or its metadata file, only this image is used."""
     images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
     if named in images:
@@ -62,7 +62,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Scales of bands 1 to `count`, for reflectance, else radiance, and the unit; [] and "" if both are incomplete."""
+    """Scales to reflectance, else radiance, of bands 1 to `count` in `factors`, and the unit; [], "" if incomplete."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
         known = [s for i in range(1, count + 1) if (s := positive(said(factors.get(i), name)))]
         if len(known) == count:
