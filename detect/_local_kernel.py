@@ -15,7 +15,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
     """Set out[k] to the sum of `width` values that are `step` apart, from values[k] on. All arrays are (n,).
-    The last (width - 1) * step elements of `out` are not valid. `values` and `spare`, working memory, are overwritten.
+    The last (width - 1) * step elements of `out` are not valid. `values` and working memory `spare` are overwritten.
     """
     done, span = 0, 1  # `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
@@ -43,7 +43,7 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
     x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands, 0 where not valid
     inner, bar : side of the guard, and width of the bars around it [pixel]
-    out : (pairs, rows, columns), pairs (0, 0), (1, 0), (1, 1), ...; x has `inner` + 2 `bar` - 1 more rows and columns
+    out : (pairs, rows - m, columns - m), m = `inner` + 2 `bar` - 1; pairs (i, j) in the order (0, 0), (1, 0), (1, 1)...
     """
     width, size = x.shape[2], x[0].size
     values, again, spare, level = np.empty(size), np.empty(size), np.empty(size), np.empty(size)

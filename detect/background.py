@@ -125,7 +125,7 @@ class Part:
         return cls(cells, places, values)
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
-        """Estimate the background from all pixels of the part; parameters and errors are as in `fit`."""
+        """Estimate the background (for "mcd", from the sample only); parameters and errors are as in `fit`."""
         moments = self.cells.by_place().total()
         if (n := moments.n) < 2:
             raise FitError(
@@ -189,7 +189,7 @@ def fit(
     FitError
         Fewer than two pixels are valid (for "mcd": in the sample), or the squares of values exceed double precision.
     InputError
-        `covariance`, `ridge` or `threads` is not allowed, the image is empty or not as above, or the mask does not fit.
+        `covariance`, `ridge` or `threads` is not allowed, the image is empty, or image or mask is not as above.
     """
     image = as_image(image)
     mask = as_mask(mask, image)

@@ -83,8 +83,8 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
 def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
     """Robust mean and covariance by the minimum covariance determinant, and the number of pixels that contribute.
 
-    `sample`, (pixels, bands), must be finite. The core is the fraction `keep` (0.5 to 1) of the pixels for which the
-    determinant of the covariance is smallest. It is found by concentration steps (Rousseeuw, Van Driessen 1999,
+    `sample`, (pixels, bands), must be finite. The core is a fraction `keep` (0.5 to 1) of the pixels, selected so that
+    the determinant of their covariance is smallest. It is found by concentration steps (Rousseeuw, Van Driessen 1999,
     theorem 1) from three deterministic estimates (Hubert et al. 2012). Mean and covariance are then computed from all
     pixels near the core, and the covariance is scaled so that it is consistent for a normal background.
     """

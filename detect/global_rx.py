@@ -1,7 +1,7 @@
 """RX and related detectors: distance of a pixel from the background, relative to the background's covariance.
 
 A `Detector` holds the matrix that `detector` computes once from a `detect.background.Background`. `score` applies it to
-blocks, pixel by pixel: it needs no halo, and the scores are the same to the bit for any tiling. No file is opened here.
+blocks, pixel by pixel, so the scores are the same to the bit for any tiling. No file is opened here.
 
 References
 ----------
@@ -39,7 +39,7 @@ class Method:
     """Entry of `DETECTORS`.
 
     `matrices` computes `Detector.whiten`, and for some detectors `Detector.linear`, from (background, whitener, drop,
-    nir). It is None for a detector without a single background for the whole scene.
+    nir). `matrices` is None for a detector whose background changes within the scene.
     """
 
     summary: str  # one line for `--help`
@@ -254,7 +254,7 @@ def residual_rx(image: Array, background: Given = None, *, nir: Sequence[int], m
     Parameters
     ----------
     nir : sequence of int
-        0-based reference bands. The score is RX of all bands minus RX of `nir`; low where `nir` predicts other bands.
+        0-based reference bands. The score, RX of all bands minus RX of `nir`, is low where `nir` predicts other bands.
     """
     return _run("residual", image, background, mask, nir=nir)
 

@@ -1,8 +1,8 @@
 """RX line by line: each line is compared with the lines before, in bounded memory, for push-broom sensors.
 
 Mean and covariance are exponential averages over the previous lines. A line is scored first, and then added to the
-averages without its pixels with high scores, so that a target is not part of its own background. If at least half of a
-line has high scores, the background has changed, and the whole line is added.
+averages without its pixels with high scores (see `_OUT`), so that a target does not become part of the background. If
+at least half of the pixels of a line have high scores, the background has changed, and the whole line is added.
 """
 
 from collections.abc import Iterable, Iterator

@@ -1,9 +1,9 @@
 """Local RX: the distance of every pixel from the ring of pixels around it.
 
 The background of a pixel is its ring: a square window of `outer` x `outer` pixels without its centre, the guard, of
-`inner` x `inner` pixels. For few bands, the moments of the ring are sums over the window; their cost grows with the
-logarithm of `outer`. For many bands, and where the sums are not precise enough, each score is computed from the pixels
-of the ring. The scores are the same to the bit for all tiles that start at multiples of `CELL`. No file is opened here.
+`inner` x `inner` pixels. For few bands, sums over the rings of all pixels are computed together; their cost grows with
+the logarithm of `outer`. For many bands, and where the sums are imprecise, each score is computed from the pixels of
+its ring. The scores are the same to the bit for all tiles that start at multiples of `CELL`. No file is opened here.
 A sum over a ring is computed as the sum of four bars around the guard, not as the difference of two squares. Thus an
 extreme pixel reduces the precision only in rings that contain it.
 
@@ -70,7 +70,7 @@ class WindowRule:
 
     @property
     def pixels(self) -> int:
-        """Number of pixels in a ring, where all are valid."""
+        """Number of pixels in a ring of which all pixels are valid."""
         return self.outer * self.outer - self.inner * self.inner
 
 
@@ -89,7 +89,7 @@ def local_rx(
     mask : (row, column) bool ndarray, optional
         True where a pixel is used. The other pixels are in no ring, and their score is NaN.
     flags : (row, column) uint8 ndarray, optional
-        Output array. It is filled with 0 for an ordinary score or an invalid pixel, or with a key of `STATES`.
+        Output array: a key of `STATES` where the covariance is singular or the ring has too few valid pixels, else 0.
     **options
         border: for windows that extend beyond the image, "shrink" (default) ignores the part outside, "mirror" mirrors
         the image at its edge, and "shift" moves window and guard inside, each by the smallest distance. ddof: the
@@ -136,7 +136,7 @@ def local_rx(
 def score_part(
     block: Array, rule: WindowRule, held: Tile, part: Tile, mask: Mask | None = None, *, threads: int = 1
 ) -> tuple[Scores, Uint8]:
-    """Scores and states (0 or a key of `STATES`) of the tile `part` of a scene, (row, column).
+    """Scores and states (0 or a key of `STATES`), each (row, column), of the tile `part` of a scene.
 
     `block`, (band, row, column), and `mask` hold the tile `held`: `part` and its halo, cut at the edges of the scene.
     `part` starts at multiples of `CELL`. `rule` holds the sides of the window; other parameters are as in `local_rx`.
@@ -157,7 +157,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, rule: WindowRule, cell: Tile) -> tuple[Float64, Uint8]:
-    """Scores and states (0 or a key of `STATES`) of the tile `cell`, (row, column); `good` masks valid pixels."""
+    """As `score_part`, for the tile `cell` and without threads; `good`, (row, column), is True at valid pixels."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
     if len(block) <= SUMS_BANDS and inside.any():

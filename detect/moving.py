@@ -42,7 +42,7 @@ class Mover:
 
 
 def _contrast(band: Float32, water: Mask) -> Float32:
-    """Pixel minus mean of the water around it, over the robust standard deviation of this difference, (row, column)."""
+    """Pixel minus mean of the water around, divided by this difference's robust standard deviation, (row, column)."""
     known = water & np.isfinite(band)
     total, count = (box_sum(v.astype(np.float32), _WATER_WINDOW) for v in (np.where(known, band, 0), known))
     away = np.where(np.isfinite(band), band - total / np.maximum(count, 1), 0)
@@ -52,7 +52,7 @@ def _contrast(band: Float32, water: Mask) -> Float32:
 def find_moving(
     image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None
 ) -> list[Mover]:
-    """Find boats that move between the times of the bands of an image, (band, row, column), aligned on the ground.
+    """Find moving boats in an image, (band, row, column), whose bands are aligned but recorded at different times.
 
     `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], and `water`, (row,
     column), is the mask of the pixels to search (default: all). The result is in order of descending contrast. It is
@@ -82,7 +82,7 @@ def find_moving(
 
 
 def _peaks(contrasts: Float32, sea: Mask) -> Float64:
-    """Detections (connected pixels of high contrast) in `sea`, (n, 3): row, column (weighted means), peak contrast."""
+    """Detections in `sea`, (n, 3): row and column (means of connected pixels, weighted by contrast), peak contrast."""
     from scipy import ndimage
 
     from .objects import label
@@ -96,7 +96,7 @@ def _peaks(contrasts: Float32, sea: Mask) -> Float64:
 def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:
     """Find the uniform motion from the detection `start` of the band `first` that fits detections in all bands best.
 
-    `places`: `_peaks` by band; `times` [s]; `pixel` [m]. None if no motion fits, or the best one is too fast or slow.
+    `places`: `_peaks` of each band; `times` [s]; `pixel` [m]. None if no motion fits, or the best is too fast or slow.
     """
     last = int(np.argmax(times))
     span = float(times[last] - times[first])

@@ -45,7 +45,7 @@ class Object:
     footprint : (rows, columns) ndarray of bool
         True at the detected pixels, within `bounds`.
     score_top : float
-        Root mean square of the three highest scores (0 for missing pixels): combines peak and extent.
+        Root mean square of the three highest scores; a missing score counts as 0, so small objects have low values.
     scores : (size,) ndarray
         Scores of the detected pixels, in row-major order.
     """
@@ -63,7 +63,7 @@ class Object:
 
     @property
     def measures(self) -> dict[str, object]:
-        """Size and position, by their names in the files of objects."""
+        """Size, area and position, by their names in the files of objects."""
         row, column = self.centroid
         return {"pixels": self.size, "area_m2": self.area, "row": row, "column": column}
 
@@ -181,7 +181,7 @@ def label(mask: Mask) -> Int32:
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:
     """GeoJSON FeatureCollection (RFC 7946) of objects: outlines; properties label, scores, size, position, window.
 
-    Corners are (column, row), or with `move` (longitude, latitude); the window is [column, row, width, height].
+    `move` converts corners (column, row) to (longitude, latitude). The window is [column, row, width, height] [pixel].
     """
     features = []
     for o in objects:

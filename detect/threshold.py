@@ -66,7 +66,7 @@ class Tail:
 
     @classmethod
     def merge(cls, parts: Iterable[Self]) -> Self:
-        """Merge the tails of the parts of a scene. The result does not depend on their order or on the division."""
+        """Merge the tails of the parts of a scene. The result does not depend on their order or boundaries."""
         parts = list(parts)
         keep = min(part.keep for part in parts)
         whole = cls.of(np.concatenate([part.values for part in parts]), keep)
@@ -120,7 +120,7 @@ class Threshold:
     notes: tuple[str, ...] = ()
 
     def measured(self, above: int | None, n: int) -> Self:
-        """A copy with the observed rate: `above` of `n` scores exceed `value`. The same object if `above` is None."""
+        """A copy with the observed rate `above` / `n` of scores above `value`; the same object if `above` is None."""
         return self if above is None else replace(self, pfa_observed=above / n if n else None)
 
     def __str__(self) -> str:

@@ -69,11 +69,11 @@ def score(
     array, sensor, nodata, threads
         DataArray with the dimensions y, x and band; `sensor`, `nodata` and `threads` are as in `deglint.xr.fit`.
     recipe : Recipe or str
-        Options of the detection, or the name of a method, not "lines"; options of thresholds and objects are ignored.
+        Options of the detection, or a method's name (not "lines"); options of thresholds and objects are ignored.
     background : Background, optional
         A background fitted earlier, to this scene or another; by default, one is fitted to this array now. If one is
-        given, the method "auto" selects "rx". Unless the mask is "water", a lazy array is then neither read now nor
-        searched for nodata: declare the nodata value of the array, or pass `nodata`. A method that has a background of
+        given, the method "auto" selects "rx". Unless `recipe.mask` is "water", a lazy array is then neither read now
+        nor searched for nodata: declare its nodata value, or pass `nodata`. A method that has a background of
         its own for every pixel, such as "local", accepts none.
 
     Returns
@@ -84,7 +84,7 @@ def score(
     Raises
     ------
     InputError, BandError, FitError, NoWaterError
-        As in `detect.pipeline.score_file`.
+        The message states a remedy, as for `detect.score_file`.
     DeglintError
         xarray is not installed.
     """

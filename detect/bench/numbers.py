@@ -32,7 +32,7 @@ class Number:
     low: float = math.nan  # lower end of the interval or range; NaN for a single value
     high: float = math.nan
     unit: str = ""  # "%", "s", "ns", or "" for a ratio
-    better: Better = "lower"
+    better: Better = "lower"  # whether lower or higher values are better
     exact: bool = True  # the same on every machine for the same seeds and versions; False for times
 
     def __str__(self) -> str:
@@ -63,7 +63,7 @@ def short(value: float) -> str:
 
 
 def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
-    """Mean of `values`, one per seed, and 95 % interval (Student's t) within 0 to `most`; `better` is only stored."""
+    """Mean of `values`, one per seed, with 95 % interval (Student's t) in 0..`most`; `better` is as in `Number`."""
     from scipy.stats import t
 
     centre = mean(values)
@@ -79,7 +79,7 @@ def timed(values: Sequence[float]) -> Number:
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, object], refused: Mapping[str, str]) -> dict[str, object]:
-    """Numbers, provenance (`made`) and failed removals (`refused`) of a run, as values for JSON."""
+    """Numbers, `made` (from `provenance`) and `refused` (reason of failure by removal) of a run, as values for JSON."""
     return {"made": made, "numbers": {name: asdict(number) for name, number in numbers.items()}, "refused": refused}
 
 

@@ -30,7 +30,7 @@ def page(results: Results, made: Mapping[str, object]) -> str:
 
 
 def _style(name: str) -> dict[str, Any]:
-    """matplotlib style of the line of a removal: grey for raw and noise-only image, thick and black for the default."""
+    """matplotlib style of a removal's line: grey for raw image and noisy truth, thick and black for the default."""
     if name in (RAW, LIMIT):
         return {"color": "0.5", "linestyle": "--" if name == RAW else ":"}
     return {"linewidth": 3.0, "color": "black"} if name == DEFAULT else {}
@@ -53,7 +53,7 @@ def against_wind(results: Results) -> Figure:
 
 
 def time_against_error(results: Results) -> Figure:
-    """Plot error against processor time; a marker is filled if no other removal is both faster and more precise."""
+    """Plot error against processor time; a marker is filled if no other removal has both less time and less error."""
     wind, _delay = results.effort.shown
     figure, panels = new_figure(*_FIGURE_SIZE, len(results.effort.delays))
     panels[0].set_ylabel(_ERROR)
@@ -103,7 +103,7 @@ def tables(results: Results) -> list[Table]:
 
 
 def overview(results: Results) -> Table:
-    """Table of error and processor time of the raw image, every removal and noise only, in condition `Effort.shown`."""
+    """Table of error and processor time of the raw image, every removal and the noisy truth, at `Effort.shown`."""
     shown = results.effort.shown
     rows = []
     for name in (RAW, *results.effort.names, LIMIT):
@@ -125,7 +125,7 @@ def overview(results: Results) -> Table:
 
 
 def by_condition(results: Results) -> Table:
-    """Table of the error of the raw image, every removal and noise only, in every condition (wind and delay)."""
+    """Table of the error of the raw image, every removal and the noisy truth, in every condition (wind and delay)."""
     rows = [
         (name, *(short(results.error(condition, name).value) for condition in results.conditions))
         for name in (RAW, *results.used, LIMIT)

@@ -46,7 +46,7 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Extent for the removals `names`; `quick` has one wind, a small timed scene, 3 rounds, by default 2 seeds."""
+        """Extent for the removals `names`. If `quick`: one wind, a small timed scene, 3 rounds, by default 2 seeds."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)
@@ -73,7 +73,7 @@ class Results:
     """Results of all measurements.
 
     `images` maps (condition, name) to one `Quality` per seed; names are removals, `RAW` and `LIMIT` (noisy truth).
-    `fit` and `apply` map removals to processor times for the timed scene on one thread [s], `refused` to failures.
+    `fit` and `apply` map removals to processor times [s] (timed scene, one thread); `refused` maps removals to reasons.
     """
 
     effort: Effort
@@ -93,7 +93,7 @@ class Results:
         return [(wind, delay) for delay in self.effort.delays for wind in self.effort.winds]
 
     def error(self, condition: Condition, name: str, part: str = "whole") -> Number:
-        """RMS error of image `name` [% of the water level], mean over seeds; `part` is "whole" or "deep" (water)."""
+        """RMS error of image `name` [% of the water level], mean over seeds; `part`: "whole" scene or "deep" water."""
         return over_seeds([getattr(image, part) for image in self.images[condition, name]], "%")
 
     def rate(self, condition: Condition, name: str, kind: int, what: str) -> Number:

@@ -1,8 +1,8 @@
 """Simulated scenes whose truth is known.
 
-The left half is deep water, the sample to which every removal is fitted. The right half has submerged squares of 4 m at
-a depth of 5 m, one column for each reflectance. The sky is cardioidal: if it were brighter around the sun, its mirror
-image would be part of the truth, and no method could distinguish it from glint.
+The left half is deep water, the sample to which every removal is fitted. The right half has submerged squares of 4 m by
+4 m at a depth of 5 m, one column for each reflectance. The sky is cardioidal and has no glow around the sun, because
+the reflection of a glow would be part of the truth, and no method could distinguish this reflection from glint.
 """
 
 from collections.abc import Iterable
@@ -74,7 +74,7 @@ class TrueScene:
 
 
 def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int, side: int = SIDE) -> list[TrueScene]:
-    """Simulate sea `seed` of `side` x `side` pixels at a wind [m/s] for several sensors; write files to `directory`."""
+    """Simulate a sea of `side` x `side` pixels at a wind [m/s]; return one scene per sensor, written to `directory`."""
     from deglint.raster.simulated import write_scene
 
     largest, setups = min(OBJECT, side / 4 / len(REFLECTANCES)), []

@@ -45,8 +45,8 @@ log = logging.getLogger(__name__)
 def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     """Print how well the SCORES of each detector find the targets in TRUTH: area under the ROC curve, detection rates.
 
-    SCORES are rasters on one grid; higher is more anomalous, nodata is left out. TRUTH is polygons in GeoJSON, or a
-    raster on the same grid: 0 or the number of an object (if all numbers are equal, connected pixels are one object).
+    SCORES are rasters on one grid; higher is more anomalous. TRUTH is polygons in GeoJSON, or a raster on this grid: 0
+    for background, else an object's number. With only one number, connected pixels are one object. Nodata is left out.
 
     \b
     rxdetect roc scores.tif truth.tif

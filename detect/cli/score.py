@@ -98,8 +98,8 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
     Scores of --method sea are distances from the water around a pixel, in standard deviations. Most other scores are
-    squared Mahalanobis distances: about the number of bands where there is no anomaly. Invalid pixels are NaN.
-    OUT.json beside OUT says what was done. --objects writes what exceeds the threshold of --pfa or --false-per-km2.
+    squared Mahalanobis distances: at background pixels, about the number of bands. Pixels without a score are NaN.
+    OUT.json beside OUT says what was done. --objects writes objects above the threshold of --pfa or --false-per-km2.
 
     \b
     rxdetect score clean.tif scores.tif

@@ -40,7 +40,7 @@ _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel o
 def to_wgs84(scene: Scene) -> Move | None:
     """Make the function that converts (column, row) points to (longitude, latitude) [degree].
     The result is None if the scene has no transform or no CRS, or if the CRS cannot convert the centre of the scene.
-    The function raises InputError for points outside the projection of the CRS.
+    The function raises InputError for points that the CRS cannot convert. (0, 0) is the upper left corner of the scene.
     """
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
@@ -64,7 +64,7 @@ def to_wgs84(scene: Scene) -> Move | None:
 
 
 def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
-    """Distance [m] and initial bearing [degree clockwise from north] from one (longitude, latitude) to another."""
+    """Distance [m] and initial bearing [degree clockwise from north] from `start` to `end`, (longitude, latitude)."""
     (lon0, lat0), (lon1, lat1) = (tuple(map(math.radians, p)) for p in (start, end))
     half = math.sin((lat1 - lat0) / 2) ** 2 + math.cos(lat0) * math.cos(lat1) * math.sin((lon1 - lon0) / 2) ** 2
     east = math.sin(lon1 - lon0) * math.cos(lat1)
@@ -73,7 +73,7 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
 
 
 def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
-    """0-based bands whose time offset is known, and these times [s]. Raises InputError if fewer than three differ."""
+    """0-based bands with a known time offset, and these offsets [s]. Raises InputError if fewer than three differ."""
     known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
     if (count := len({t for _, t in known})) < 3:
         raise InputError(
@@ -86,9 +86,9 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, float | None]]:
     """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
-    Both are those of the nearest moving boat. They are None if no boat is nearer than the size of the object plus the
-    distance that the fastest boat covers from the first to the last band. Raises InputError if `area` (of a pixel
-    [m2]), the CRS, or three different times are not known.
+    Both are those of the nearest boat from `find_moving`. They are None if the distance to this boat exceeds the
+    diagonal of the object plus the distance that the fastest boat travels from the first to the last band. Raises
+    InputError if `area` (of a pixel [m2]), the CRS, or three different times are not known.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -116,7 +116,7 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, object]:
     """Properties of an object: score, rates, kind, bearing; with `move` (see `to_wgs84`) also position and size [m].
     `kind`, `rate` [1/km2] and `real` are as in `detect.sea.search.Rated`. The score is -log10(rate), or `score_max` if
-    the rate is not known. The bearing is that of the longer side; None if the object is nearly round or without `move`.
+    the rate is not known. The bearing of the longer side is None without `move`, or if the object is nearly round.
     """
     known = math.isfinite(rate)
     numbers: dict[str, object] = {
@@ -163,7 +163,7 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
 
 
 def _around(start: int, stop: int, size: int) -> tuple[int, int]:
-    """Rows (or columns) of a picture of the object at `start` to `stop`: at least `CHIP_SIDE`, within 0 to `size`."""
+    """Half-open range of rows (or columns) of the picture of an object at `start` to `stop`, within 0 to `size`."""
     side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side

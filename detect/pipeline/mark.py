@@ -49,7 +49,7 @@ class Marker:
         return 2 if len(self.beside[ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold for the requested false-alarm rate. For "sea", confirmed objects (`_clutter`) are left out."""
+        """Threshold for the requested false-alarm rate; for "sea", without scores of confirmed objects (`_clutter`)."""
         recipe, law, tail = self.plan.recipe, self.plan.law, self.tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
@@ -71,7 +71,7 @@ class Marker:
 
     @cached_property
     def _clutter(self) -> Clutter:
-        """Clutter of the sea: its scores without those of confirmed (large, bright) objects, and their distribution."""
+        """Clutter of the sea: scores without confirmed (large, bright) objects, and the distribution of other peaks."""
         model, area = self.plan.model, self.tail.n * (self.plan.pixel_area or math.nan) / 1e6
         assert model is not None
         found = find_among(*self._above(LOW * model.q90, self.beside[ALONGSIDE]))
@@ -93,14 +93,14 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def _found(self, pixels: Places, above: float = -math.inf) -> list[Object]:
-        """Objects among some pixels, by `min_size` and `merge_distance` of the recipe and `above` of `find_among`."""
+        """Make objects from pixels by options of the recipe; pixels with scores up to `above` only connect parts."""
         recipe, area = self.plan.recipe, self.plan.pixel_area
         return find_among(
             *pixels, above=above, min_size=recipe.min_size, merge_distance=recipe.merge_distance, pixel_area=area
         )
 
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold; for "sea" by ascending number of false objects per km2, if known."""
+        """Objects above the threshold; for "sea" sorted by ascending number of false objects per km2, if known."""
         if self.plan.model is None:
             return [Rated(o, "anomaly", math.nan, math.nan) for o in self._found(self._above(threshold.value))]
         low = min(self._clutter.low, threshold.value)
@@ -115,9 +115,9 @@ class Marker:
         return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
     def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
-        """Objects alongside quays that exceed the threshold and the limit of large objects (`Clutter.large`).
-        `afloat` is the number of other objects. Objects are left out if their number of false objects per km2 is above
-        that of the threshold (method "peaks"), or above `afloat` divided by the area (other methods).
+        """Objects alongside quays that exceed the threshold and the minimum score of large objects (`Clutter.large`).
+        `afloat` is the number of objects not at quays. An object is left out if its number of false objects per km2 is
+        above the number at the threshold (method "peaks"), or above `afloat` divided by the area (other methods).
         """
         clutter = self._clutter
         dimmest = max(threshold.value, clutter.large[1])  # quays and clutter are dimmer than this
@@ -128,7 +128,7 @@ class Marker:
         return [Rated(o, "alongside", self._strata * rate, math.nan) for rate, o in rated if not rate > most]
 
     def write(self, threshold: Threshold, targets: Outputs, scratch: Scratch) -> int | None:
-        """Write the objects above a threshold to `targets.objects`; return their number, or None without this file."""
+        """Write the objects above a threshold to `targets.objects` and return their number; None if no file is set."""
         if targets.objects is None:
             return None
         rated = self.objects(threshold)

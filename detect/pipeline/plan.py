@@ -47,8 +47,8 @@ UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
 class Plan:
     """The plan of a run: what the options of a recipe mean for one scene.
 
-    `bands` are 0-based bands of the scene; `nir`, for detectors with `Method.nir`, are indexes in `bands`. The
-    background is fitted to the pixels to score inside `area` (None: everywhere), or is `given`, a saved background.
+    `bands` are 0-based bands of the scene. `nir` are the positions of the NIR bands in `bands` (for `Method.nir`). The
+    background is `given` (a saved one), or is fitted to the pixels to score; with `area`, only to those in the area.
     `background`, `ready` (the detector) and `model` (of "sea") are None before the function `fitted` sets them, and for
     methods that do not use them.
     """
@@ -84,7 +84,7 @@ class Plan:
 
     @property
     def unbiased(self) -> float:
-        """Scores divided by this are scores of a covariance with the divisor n - 1, which follow F with `law`."""
+        """Ratio of the scores to scores from a covariance with the divisor n - 1. The latter follow F with `law`."""
         return 1.0 if self.window is None else (self.window.pixels - self.window.ddof) / (self.window.pixels - 1)
 
     @property
@@ -113,7 +113,7 @@ def make_plan(
 ) -> Plan:
     """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`.
 
-    If `single` (an output needs one background for the whole scene), or with `given`, "auto" does not select "sea".
+    If `single` (an output needs one background for the whole scene) or `given` is set, "auto" does not select "sea".
     """
     recipe, mask, sea_mask, why = _chosen(scene, recipe, threads, single or given is not None)
     notes = [why] if why else []
@@ -154,7 +154,7 @@ def make_plan(
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[Recipe, Area | None, Water | None, str]:
-    """Replace "auto" in a recipe; return recipe, `Plan.mask`, `Plan.water`, and the reason ("" without "auto")."""
+    """Replace "auto" in a recipe; return recipe, `Plan.mask`, `Plan.water`, and reason ("" if `method` was set)."""
     if recipe.method != "auto":
         return *_masked(scene, recipe, threads), ""
     method, why = _without_sea(scene, recipe, single)
@@ -173,7 +173,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[R
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
-    """Open `recipe.background`: a saved background, or the area in which one is fitted; both None if it is empty."""
+    """Open `recipe.background`; return (saved background, None), (None, area to fit in), or (None, None) for ""."""
     if not (name := recipe.background):
         return None, None
     if name.lower().endswith(".json"):
@@ -184,8 +184,8 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use: those of `given`, a saved background, in that order; else `recipe.bands`; by default all,
-    but only the visible ones for "sea" if two are known. Raises BandError if `given` has other bands than the recipe.
+    """0-based bands to use: those that the saved background `given` names, in its order; else `recipe.bands`; else for
+    "sea" the visible bands, if at least two are known; else all. Raises BandError if `given` and recipe do not match.
     """
     own = tuple(scene.index(name) for name in given.names) if given else ()
     bands = own or tuple(range(len(scene.bands)))
@@ -223,7 +223,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
-    """Detector to use in place of "sea", and the reason, "" if "sea" is possible; `single` is as in `make_plan`."""
+    """Method to use in place of "sea", and the reason, which is "" if "sea" is possible. `single`: see `make_plan`."""
     bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
     others = {option: name for name, kind in DETECTORS.items() if name != "sea" for option in kind.options}
     for name, method in (others | {"background": "rx", "covariance": "rx"}).items():
@@ -247,8 +247,8 @@ def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """Read the rule that finds the water, and the bands that it needs, from the sidecar of `deglint remove`.
 
-    The result is None if the scene has no such sidecar, if the rule uses another NIR band than `nir`, or if it found no
-    water. The rule was made for uncorrected visible bands, but depends mostly on the NIR, which the removal has copied.
+    The result is None if the scene has no such sidecar, if the rule found no water, or if its NIR band is not `nir`.
+    The rule was made before the removal, but is still valid: it uses mostly the NIR, which the removal does not change.
     """
     _roles, bands = roles_of(scene, nir)
     try:
@@ -318,7 +318,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
-    """Read a tile. Returns bands in use, (band, row, column), classes (`sea.region`), and NIR, (band, row, column)."""
+    """Read a tile: bands in use, (band, row, column), `sea.region` classes, (row, column), NIR, (band, row, column)."""
     values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
     block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))

@@ -36,7 +36,7 @@ class Recipe:
     covariance, ridge : str, float
         As in `detect.background.fit`; "sea" and "lines" allow only "empirical", "local" also allows "ridge".
     background : str
-        Valid pixels in the mask (""), a GeoJSON file, raster, window "column,row,width,height", or a saved background.
+        Area of the background: "" (mask), GeoJSON, raster, window "column,row,width,height"; or a saved background.
     bands, nir : tuple of str
         Bands to use (empty: visible bands for "sea", else all or those of the saved background), and NIR bands (for
         "residual" and the water mask), by name or 1-based number.
@@ -111,7 +111,7 @@ class Recipe:
 
     @property
     def kind(self) -> Method:
-        """Properties of the method, from `DETECTORS`; for "auto" those of "rx", which has every output."""
+        """Properties of the method, from `DETECTORS`; for "auto" those of "rx", which allows every output."""
         return DETECTORS["rx" if self.method == "auto" else self.method]
 
     @property
@@ -137,7 +137,7 @@ class Outputs:
     chips: Path | None = None  # folder for the pictures of the objects
 
     def check(self, recipe: Recipe) -> None:
-        """Raise InputError if the recipe cannot produce an output, or an extension or a combination is not allowed."""
+        """Raise InputError if the recipe cannot produce an output, or if an extension or option is not allowed."""
         place = self.chips and next(p for p in (self.chips, *self.chips.parents) if p.exists())
         if self.objects and not recipe.thresholded:
             wanted = "--pfa, the false alarms wanted per pixel, such as 1e-4, or --false-per-km2"
@@ -166,7 +166,7 @@ class Outputs:
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """Paths of the files to be written; of the pictures only the first, and only if their folder exists already."""
+        """Paths of the files to write. The list has only the first picture, and none if the folder does not exist."""
         style = self.objects.with_suffix(".qml") if self.objects and self.objects.suffix.lower() == ".gpkg" else None
         picture = self.chips / PICTURE.format(1) if self.chips and self.chips.is_dir() else None
         extra = (self.p_value, self.flags, self.objects, self.background, style, picture)

@@ -95,9 +95,9 @@ def score_file(
     source : path or sequence of paths
         GDAL name(s) of the input, as `deglint.open_scene` takes them.
     image : path
-        Output, a local GeoTIFF of one float32 band, NaN if not valid or masked out. `image`.json is written beside it.
+        Output, a local GeoTIFF of one float32 band; pixels without a score are NaN. `image`.json is written beside it.
     recipe : Recipe, optional
-        By default "sea" where there is water, else global RX.
+        By default `Recipe()`, whose method "auto" selects the detector.
     threads : int, optional
         Number of threads, by default all processors. The result does not depend on it.
     progress : callable(stage, done, total), optional
@@ -199,7 +199,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return pixel counts, highest scores, and pixels attached to land, by class."""
+    """Score and write tiles; return counts, highest scores (None: no threshold), pixels attached to land (by class)."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0

@@ -38,7 +38,7 @@ _SEA_FLAGS = {NOT_SEA: MASKED_OUT, RIM: ON_RIM, AFLOAT: FLOATS, ATTACHED: FLOATS
 
 @dataclass
 class PixelCounts:
-    """Number of pixels of a tile or of the whole run, in total and by result."""
+    """Number of pixels of a tile or of the whole run: all, scored, and for each reason of a missing score."""
 
     total: int = 0
     masked_out: int = 0  # no score: outside the mask, or (method "sea") beside land
@@ -131,7 +131,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 
 def _count(scores: Float32, mask: Mask | None, states: Uint8) -> PixelCounts:
-    """Count the pixels of a tile by state; `mask` (False: masked out) may be None; `score_part` returns `states`."""
+    """Count the pixels of a tile; `mask` is False where masked out (None: nowhere), `states` are from `score_part`."""
     scored = int(np.count_nonzero(np.isfinite(scores)))
     outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))

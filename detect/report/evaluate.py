@@ -132,7 +132,7 @@ def evaluate(request: Request, progress: Progress | None = None) -> Evaluation:
 
 
 def read_inputs(request: Request) -> Inputs:
-    """Read the files of a request: score rasters, the truth, which is a raster or a GeoJSON file, and the mask."""
+    """Read the files of a request: score rasters, truth (a raster or a GeoJSON file) and mask."""
     scores, truth, notes = request.scores, request.truth, list[str]()
     scenes = [open_scene(path) for path in scores]
     for path, scene in zip(scores, scenes, strict=True):
@@ -183,7 +183,7 @@ def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Number, from 1, of the last GeoJSON feature that contains a pixel's centre, else 0, (row, column); adds notes."""
+    """Number, from 1, of the last GeoJSON feature at each pixel's centre, (row, column); 0: none. Extends `notes`."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]
@@ -254,7 +254,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, object]:
-    """Summary numbers of a ROC curve, and up to 400 points as arrays; `bands` has its bootstrap intervals, if any."""
+    """Summary numbers of a ROC curve, up to 400 points as arrays, and the bootstrap intervals `bands`, if any."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
     most, drawn = request.pfa_max, None

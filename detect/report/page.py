@@ -69,7 +69,7 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
 
 
 def _objects(found: Evaluation) -> list[list[ObjectScore]]:
-    """First 200 rows of the table of objects, sorted by lowest Pfa; a row has one object's scores by every detector."""
+    """Table of at most 200 objects, lowest Pfa first; each row has the scores of one object, one for each detector."""
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
     rows = [[s[number] for s in scored] for number in (scored[0] if scored else ())]
     return sorted(rows, key=lambda row: (min(o.pfa for o in row), row[0].number))[:_MOST_ROWS]
@@ -187,7 +187,7 @@ def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
 
 
 def scene(d: Judged, found: Evaluation) -> Figure:
-    """Plot a detector's scores, its worst false alarms, and objects in boxes (dashed: not found at `d.worst_at`)."""
+    """Plot a detector's scores, its worst false alarms, and boxes of objects (dashed: missed at point `d.worst_at`)."""
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape

@@ -104,7 +104,7 @@ def default_grid(background: int) -> Float64:
 def _levels(roc: Roc) -> Array:
     """Ascending levels, (levels,), between which scores are counted: some scores, and the next larger float of each.
 
-    The scores are up to 1024 distinct target scores, evenly spaced, and background scores at even and log-spaced ranks.
+    Scores: up to 1024 distinct target scores at evenly spaced ranks; background scores at evenly and log-spaced ranks.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:

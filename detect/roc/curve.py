@@ -1,7 +1,7 @@
 """The ROC curve of a scene, its summary numbers, and DeLong's standard error of the area under it.
 
 The scores of targets and of background are sorted separately. All numbers follow from the ranks of target scores among
-background scores: no pairs of pixels are formed, and no pixel is left out for speed.
+background scores: no pairs of pixels are formed, and all valid pixels are used.
 DeLong's intervals assume independent pixels. Neighbouring pixels of an image are not independent, because they have the
 target or the glint in common. So these intervals are too narrow for images, and those of `bootstrap` should be used.
 
@@ -242,7 +242,7 @@ def auc_interval(roc: Roc) -> AucInterval:
 
 
 def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
-    """DeLong's paired test of two detectors by their scores, where both are valid. The arrays are as in `Roc.of`."""
+    """DeLong's paired test of the scores of two detectors, on pixels valid for both. The arrays are as in `Roc.of`."""
     ok = usable(first, truth, valid) & usable(second, truth)
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]

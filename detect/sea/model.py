@@ -1,12 +1,12 @@
 """Contrast of a pixel with the water around it, at several scales.
 
 At every scale s, y is the mean of each band over s x s pixels of the sea, so that an object fills this square at one of
-the scales. For each band, m and v are the means of the water and of (y - m)^2 in a large window around the pixel, z is
-(y - m) / sqrt(v), and R the correlation matrix of z over the water. The distance is sqrt(z' R^-1 z). The distances of
-each scale are normalised linearly: median and 99.9 % quantile over the water become those of the smallest scale. The
-score is the maximum over the scales, divided by the divisor of the `GlintScale` if there is one. Pixels of water with a
-large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and the
-statistics are computed again.
+the scales. For each band, m is the mean of the water in a large window around the pixel, v is the mean of (y - m)^2
+over the same water, z is (y - m) / sqrt(v), and R is the correlation matrix of z over all water. The distance is
+sqrt(z' R^-1 z). The distances of each scale are normalised linearly: their median and 99.9 % quantile over the water
+become those of the smallest scale. The score is the maximum over the scales, divided by the divisor of the `GlintScale`
+if there is one. Pixels of water with a large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are
+excluded from the statistics, and the statistics are computed again.
 """
 
 from collections.abc import Sequence
@@ -126,12 +126,12 @@ class SeaModel:
 
 
 def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, nir: Sequence[Array] = ()) -> SeaModel:
-    """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
+    """Fit the statistics of the water to pairs: a block of a scene, (band, row, column), and its classes from `region`.
 
     `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by
     default. Otherwise, or if `pixel` is None, there is one scale, and `side` is "bright" by default. `nir`, the NIR of
-    every block before glint removal, (band, row, column), is used only below 5 m. A boat that fills a larger pixel is
-    itself bright in the NIR.
+    every block before glint removal, (band, row, column), is used only below 5 m, because a boat that fills a larger
+    pixel is itself bright in the NIR.
     Raises NoWaterError if fewer than 100 pixels are water, and InputError if `side` is not allowed.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
@@ -162,10 +162,10 @@ def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, 
 
 
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
-    """Distance of every sea pixel from the water around it [standard deviation]; NaN where land, `RIM` or not valid.
+    """Distance of every sea pixel from the water around it [standard deviation]; NaN at land, `RIM` and invalid pixels.
 
-    `block` and `nir`, (band, row, column), `classes` and the result, (row, column), cover the requested pixels and a
-    margin of `model.halo` pixels. `nir` is needed if the model was fitted with a NIR.
+    `block` and `nir`, (band, row, column), `classes` and the result, (row, column), contain the requested pixels and,
+    within the scene, a margin of `model.halo` pixels around them. `nir` is needed if the model was fitted with a NIR.
     """
     part = _Block(block, classes, model)
     used = part.dim
@@ -179,9 +179,9 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 
 
 class _Block:
-    """A block `x` in robust standard deviations of water, (band, row, column), its `means` at every scale, and masks.
+    """A block `x`, (band, row, column), in robust standard deviations of water, its `means` at every scale, and masks.
 
-    `sea` is True at water, rim, objects; `water` at water, rim; `dim` at `water` with largest-scale means within +-30.
+    `sea`: water, rim and objects; `water`: water and rim; `dim`: `water` with largest-scale means within +-30.
     """
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
@@ -196,13 +196,13 @@ class _Block:
         self.dim = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self, used: Mask) -> tuple[Array, Array]:
-        """Mean of `x` over `used` pixels in a window, (band, row, column), and number of these, (row, column)."""
+        """Mean of `x` over `used` pixels around each pixel, (band, row, column), and number of these, (row, column)."""
         count = box_sum(used.astype(np.float32), SEA_WINDOW)
         total = np.stack([box_sum(np.where(used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
 
     def standardised(self, used: Mask, variance: Float64) -> list[Array]:
-        """Contrast z to `used` pixels at each scale, (band, row, column); `variance`, (scale, band), of all water."""
+        """Contrasts z to `used` water, (band, row, column), by scale; `variance`, (scale, band), is for all water."""
         mean, count = self.local(used)
         out = []
         for means, whole in zip(self.means, variance, strict=True):
@@ -213,7 +213,7 @@ class _Block:
         return out
 
     def typical(self, used: Mask, model: SeaModel) -> Mask:
-        """`water` without 5 x 5 pixels around pixels with large `_distance` from `used` pixels at the largest scale."""
+        """`water` without the 5 x 5 pixels around pixels whose largest-scale distance from `used` water is large."""
         z = self.standardised(used, model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         return self.water & ~grown(far, 5)

@@ -2,9 +2,9 @@
 
 A water mask has a hole where a ship is. A hole that is no larger than the largest ship belongs to the sea. A ship
 alongside a quay makes a protrusion of the land, not a hole. Directional morphological openings find protrusions that
-are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers.
+are narrow and straight. By its shape, a ship differs from rocks and corners of quays, but not from short piers.
 Protrusions with land at both ends and water at both sides (bridges, sandbars, turbid water) are ignored. Holes next to
-land count as clutter.
+land count as clutter: as false alarms.
 """
 
 import math
@@ -152,7 +152,7 @@ def _fitting(mask: Mask, length: float, width: float) -> tuple[Array, Array, lis
 
 
 def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
-    """Two masks of holes (parts of `land` that a ship may fill): those in water, and those next to land or an edge."""
+    """Masks of holes (parts of `land` up to `length` x `width` [pixel]): those in water, those near land or an edge."""
     labels, stats, found = _fitting(land, length, width)
     chosen = np.zeros(len(stats), np.bool_)
     chosen[[part for part, *_ in found]] = True
@@ -187,7 +187,7 @@ def _continued(around: Mask, own: Mask) -> bool:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Mask of parts of `land` that have the size and shape of a ship; of two that touch, the one of higher `likeness`.
+    """Mask of the parts of `land` with size and shape of a ship; of two that touch, only the one of higher `likeness`.
 
     For every direction, the function selects land that is not wider than a ship across the direction, and straight
     along it for the minimum length of a ship. This separates ships from their quay and from piers in other directions.

@@ -1,4 +1,4 @@
-"""Search an image of the sea for objects; compute thresholds for a false-alarm rate, and false objects per km2.
+"""Search the sea for objects; compute the threshold for a false-alarm rate, and the number of false objects per km2.
 
 Clutter, such as waves, has heavy-tailed scores, and the ships are in the tail. Candidates are connected pixels of high
 score. Those larger and brighter than clutter are confirmed objects; a generalised Pareto distribution is fitted to the
@@ -116,7 +116,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
     `tail` holds the highest scores of the searched sea; `area` is its area [km2]. Candidates are connected pixels above
     `LOW` times `q90`, the 90 % quantile of the score over water; large, bright ones are confirmed (see `_CONFIRMED`,
-    `_LARGE_OBJECTS`, `_BODY`). `fine`: whether pixels are smaller than a boat. If not, round candidates are no clutter.
+    `_LARGE_OBJECTS`, `_BODY`). If `fine` (pixels smaller than a boat) is False, round candidates are not clutter.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -140,7 +140,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _round(found: Object, low: float) -> bool:
-    """Whether a candidate is wide and not elongated at each contour; False if no contour exceeds `low` of `Clutter`."""
+    """Whether a candidate is wide and not elongated at all fractions `_CONTOURS` of its peak, and one exceeds `low`."""
     if found.score_max * max(_CONTOURS) <= low:
         return False
     values = np.zeros(found.footprint.shape)
@@ -171,9 +171,9 @@ class Rated(NamedTuple):
 
 
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
-    """`Rated` objects by ascending `rate`, which is multiplied by `strata`, the number of object kinds.
+    """`Rated` objects by ascending `rate`; each rate is multiplied by `strata`, the number of kinds of objects.
 
-    A "round" object may be a cloud. Therefore, its rate counts all other round candidates (`Clutter.clouds`) as false.
+    A "round" object may be a cloud, so all other round candidates (`Clutter.clouds`) count as false in its rate.
     """
     found = sorted(found, key=lambda o: -o.score_top)
     kinds = ["round" if o.peak in clutter.clouds else "afloat" for o in found]
