@@ -42,7 +42,7 @@ def windows(width: float, clump: int) -> list[int]:
     """Sides of the square windows of the morphological openings to try, odd integers [pixel].
 
     The first is the largest that preserves objects of the width `width` [pixel], clipped to 5..13. The second is the
-    smallest that removes clumps of the width `clump` [pixel]; it is only tried if it is at least 4 smaller.
+    smallest that reaches water beside clumps of glint of the width `clump` [pixel], only if it is at least 4 smaller.
 
     Examples
     --------

@@ -48,7 +48,7 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
     band : (row, column), any unit
     glint, clean : masks (row, column) of the pixels to replace, and of the glint-free pixels that may replace them
     largest : side of the largest window, odd [pixel]. The side is first 3 pixels and is increased in steps of 2 until
-        the window contains 5 glint-free pixels (`CLEAN`)
+        the window contains 5 glint-free pixels (`CLEAN`); if even the largest has fewer, the pixel is not replaced
 
     Returns the band after replacement, and the mask of replaced pixels, (row, column) each. For an even number of
     values, the median is the lower of the two middle values.

@@ -92,7 +92,7 @@ def fit_replaced(
 
 
 def _trial(done: State) -> State:
-    """State for a trial: image of `done` (after all stages) plus the glint replaced in it, moved by half a block."""
+    """State for a trial: image of `done` (after all stages) plus the replaced glint, which is moved by half a block."""
     assert done.replaced is not None  # a stage before the removal replaces glint
     glint = np.where(done.replaced, np.maximum(done.raw - done.image, 0), 0)
     known = done.image + np.roll(glint, (glint.shape[1] // 2, glint.shape[2] // 2), (1, 2))

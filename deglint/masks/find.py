@@ -168,7 +168,7 @@ def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
 
 
 class _View:
-    """Blocks (band, row, column) with valid pixels, searched for water, and masks (row, column) of these pixels."""
+    """Blocks (band, row, column) in which water is searched for, and masks (row, column) of their valid pixels."""
 
     def __init__(self, blocks: Sequence[FloatArray], roles: Roles) -> None:
         kept = [(b, v) for b in blocks if (v := valid_for(b, roles)).any()]
@@ -317,7 +317,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
 
     The threshold separates the `votes` (pixel,) with the fewest errors, and is then moved into the gap between water
     and land. Without land, it is the upper end of the NIR of water or, if `sparkle`, of glint on water. If `strict`, it
-    is not moved up to a valley of the histogram, because there may be dark land below the valley.
+    is not moved up to the next valley of the histogram, below which there may be dark land.
     """
     nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")

@@ -63,7 +63,7 @@ class SampleRule:
 
 
 class _Local(NamedTuple):
-    """Statistics of water in a square around each pixel, (row, column) or (pixel,); unit: the grain of `SampleRule`."""
+    """Statistics of water in a square around each pixel, (row, column) or (pixel,) [step of `SampleRule`]."""
 
     enough: Mask  # True over water, if at least half of the square is water
     nir: Float64  # mean of the NIR
@@ -78,7 +78,7 @@ class _Local(NamedTuple):
 
     @property
     def residual(self) -> Float64:
-        """Variance of the visible sum (see `SampleRule`) that a regression on the NIR does not explain [grain^2]."""
+        """Variance of the visible sum (see `SampleRule`) that a regression on the NIR does not explain [step^2]."""
         return np.maximum(self.visible - self.covariance**2 / np.maximum(self.variance, 1e-9), 0.0)
 
 
@@ -244,7 +244,7 @@ def _even(local: _Local, rule: SampleRule) -> Mask:
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold is used up to 3 times while classes are clear."""
+    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold splits it up to 3 times while classes differ."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])

@@ -186,7 +186,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit chain `text` and `method` to tiles; return chain, model, `Sampled`. If `text` is "off", fit only `wiener`."""
+    """Fit chain `text` with removal `method`, or for "off" method "wiener" alone; return chain, model, `Sampled`."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model
@@ -269,7 +269,7 @@ def _read(job: Job, sampler: Sampler, plan: SamplePlan) -> Iterator[tuple[Sample
 
 
 def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
-    """The `Place` of the sample in a tile, from its `mask` (row, column); with its outline if `outlined` is a scene."""
+    """The `Place` of the sample in a tile, from its `mask` (row, column); outlined if a scene `outlined` is given."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None, []

@@ -61,7 +61,7 @@ def detrend_plane(block: FloatArray, sample: Mask, size: int = LOCAL_MEAN) -> Fl
     """Subtract from every band, at each sample pixel, a plane fitted to the sample pixels in the square around it.
 
     At the centre of a full square the plane equals the mean. If the sample fills one side of a square only, `detrend`
-    leaves a part of gradients, for example of plumes, in the bands. A fit would take this part for glint.
+    leaves a part of gradients, for example of plumes, in the bands. A fit of slopes would take this part for glint.
 
     block : (band, row, column), any unit, finite in the sample
     sample : (row, column), the sample

@@ -239,7 +239,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Response (output,) of kernels with sides `support` fitted to the Gram matrix `gram`, with rows as in `grams`."""
+    """Response (output,) of kernels of sides `support`, fitted to `gram`, a Gram matrix with rows as in `grams`."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0

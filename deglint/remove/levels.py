@@ -236,8 +236,8 @@ def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float |
     """Lower limit of the result of the removal in each band, (band,) [unit of the band]; None for a band without limit.
 
     `slopes` and `level`, (band,), are as `shared_level` takes and returns them. The limit is the least positive value
-    after removal in the half of the sample with less glint. Errors of the kernels grow with glint: without a limit,
-    some pixels of the other half would become darker than that. A band with many negative values has no limit.
+    after removal in the half of the sample with less glint. Errors of the prediction grow with glint: without a limit,
+    some pixels of the other half would become darker than this half. A band with many negative values has no limit.
     """
     less_glint = (together := slopes @ sample.prediction) <= np.median(together)
     left = sample.value - slopes[:, None] * np.maximum(sample.prediction - level[:, None], 0)
@@ -263,7 +263,7 @@ def _normal_tail(together: FloatArray) -> bool:
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
-    """Glint (band,) divided by its mean over the bands, weighted by `slopes`; all 1 if a band has no positive glint."""
+    """Glint (band,) over its mean, in which bands have weights `slopes`; all 1 if the glint of a band is not > 0."""
     mean = float(slopes @ glint / slopes.sum())
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 

@@ -54,7 +54,7 @@ def fit_reference(
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
-    tiles : values and mask of open water away from shores, (row, column); without `open_squares` the limit is infinite
+    tiles : values and mask of open water away from shores, (row, column); if no water is wide enough, no limit is set
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
     sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, or if only a part of the scene has

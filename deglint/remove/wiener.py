@@ -381,7 +381,7 @@ def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned
 
 
 def _sheet_warning(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
-    """Warning, if any, of a sheet of glint (`SHEET`), from the level `interval` and median `green` after removal."""
+    """Warning, if any, of a sheet of glint (`SHEET`); `interval` is from `shared_level`, `green` the median result."""
     lowest, chosen, middle = interval
     warning = (
         f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "

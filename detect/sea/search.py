@@ -140,7 +140,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _round(found: Object, low: float) -> bool:
-    """Whether a candidate is wide and not elongated at all fractions `_CONTOURS` of its peak, and one exceeds `low`."""
+    """Whether a candidate is wide, and not elongated, at each contour (`_CONTOURS`); False if all lie below `low`."""
     if found.score_max * max(_CONTOURS) <= low:
         return False
     values = np.zeros(found.footprint.shape)

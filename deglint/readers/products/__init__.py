@@ -139,7 +139,7 @@ def _first(container: Container) -> Product | None:
 def _of(family: ModuleType, container: Container) -> Product | None:
     """The product of a family (a module of `PRODUCTS`) in a container, or None; `Product.texts` names all files read.
 
-    If metadata are damaged, raises MetadataError; or returns None if the user named an image, to open it as a raster.
+    If metadata are damaged, raises MetadataError; but returns None if the user named an image, which is still opened.
     """
     try:
         found = family.find(container)
