@@ -37,6 +37,15 @@ def test_every_flag_is_documented():
     assert all(f"| {bit} |" in text for bit in FLAGS)
 
 
+def test_the_picture_of_the_architecture_shows_modules_and_tables_that_exist():
+    text = (ROOT / "docs" / "architecture.svg").read_text()
+    boxes = re.findall(r'class="module"[^>]*>([^<]+)</text>\n<text class="does"[^>]*>([A-Z]+(?=:))?', text)
+    assert len(boxes) >= 10
+    for names, table in boxes:
+        modules = [importlib.import_module(name) for name in names.split(", ")]
+        assert not table or len(getattr(modules[0], table)) > 0
+
+
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="deglint attribute nonsense"):
         deglint.nonsense  # noqa: B018
