@@ -1,4 +1,4 @@
-"""`python -m benchmarks NAME [--quick]`; `--help` lists the names."""
+"""The command `python -m benchmarks NAME [--quick]`; `--help` lists the names."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BENCHMARKS = (
     "plan_figures", "rates", "scale", "size", "sparkle", "spreading", "stress", "targets", "uncertainty", "varied",
     "workers",
 )  # fmt: skip
-"""Modules with a `main`, which takes the options below that it has parameters for."""
+"""Modules that can be run by name. `main` of each gets those of the options below that it has parameters for."""
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
-"""Starts processes in turns and measures them; `processes.in_turns` runs it as a small process of its own.
+"""Run commands in turns and measure them. `processes.in_turns` starts this module as a small process of its own.
 
-On Linux the peak memory of a child is at least what its parent held at the start, so nothing heavy is imported here.
+On Linux the peak memory of a child is at least what its parent held at the start: nothing large is imported here.
 """
 
 import json
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def once(command: list[str]) -> list[float] | str:
-    """Measurements of a command as `processes.Run` has them, or the last line that it wrote."""
+    """Run a command. Return the values of a `processes.Run` in order or, if it failed, a line that says why."""
     os.sync()  # earlier runs must not leave data to be written during this one
     start = time.perf_counter()
     try:
@@ -37,7 +37,7 @@ def once(command: list[str]) -> list[float] | str:
 
 
 def main() -> None:
-    """Read the job as JSON from stdin, and write the measurements as JSON to stdout."""
+    """Read commands, rounds and cleanup as JSON from stdin; write the measurements by command as JSON to stdout."""
     job = json.load(sys.stdin)
     found: dict[str, list[list[float]] | str] = {name: [] for name in job["commands"]}
     for _ in range(job["rounds"]):

@@ -1,8 +1,8 @@
-"""What each piece of compensation and of the choice pays: the error without it over that of the default.
+"""How much does each piece of the compensation, and of the choice of a recipe, improve the default?
 
-A stage is dropped from the chain that the default chose, other pieces are replaced by what does without them, and the
-choice stays as it was; without a piece of the choice the scene is fitted anew. A figure of 1 says that the piece does
-nothing there, one below 1 that it does harm.
+Prints for each piece the ratio of the error without the piece to the error of the default. A ratio of 1 means that the
+piece has no effect, a ratio below 1 that it does harm. Without a piece of the compensation, the method and the rest of
+the chain stay as the default chose them. Without a piece of the choice, another method and chain are used.
 """
 
 from __future__ import annotations
@@ -30,53 +30,53 @@ from .scenes import Known, deglinted, scenes
 from .timing import machine, say
 
 Chosen = tuple[str, str]
-"""Method and chain."""
+"""Method and chain of a recipe."""
 PAYS = 1.03
-"""A piece that pays less than this on every scene is not worth its code."""
+"""A piece is worth its code only if its ratio reaches this on at least one scene."""
 CANDIDATES = import_module("deglint.choose.candidates")  # the package has a function of this name, too
 
 
 def without(stage: str, choice: Choice) -> Chosen:
-    """The chosen chain without a stage; alone the removal is no chain."""
+    """The chosen method, and the chosen chain without a stage; "off" if only the removal is left."""
     best = choice.best
     left = ", ".join(s for s in best.chain.split(", ") if s.partition(":")[0] != stage)
     return best.method, "off" if left == "remove" else left
 
 
 def opened(choice: Choice) -> Chosen:
-    """Method and chain of the simplest candidate with an opening; of the chosen one if no such candidate was tried."""
+    """Method and chain of the first candidate with a morphological opening; if there is none, those of the choice."""
     found = [t.candidate for t in choice.trials if "identify-level" in t.candidate.chain]
     best = found[0] if found else choice.best
     return best.method, best.chain
 
 
 def same(choice: Choice) -> Chosen:
-    """As it was chosen."""
+    """Method and chain as they were chosen."""
     return choice.best.method, choice.best.chain
 
 
 def evenly(plain: Callable[..., Any], request: Any, *rest: Any, **more: Any) -> Any:
-    """A fit of the Wiener filter in which strong and faint glint weigh the same."""
+    """Call `plain`, the fit of the Wiener filter, so that it does not give faint glint more weight."""
     return plain(replace(request, faint_glint=False), *rest, **more)
 
 
 def first(plain: Callable[..., list[int]], *sizes: Any) -> list[int]:
-    """The largest window alone."""
+    """Call `plain`, which lists sides of windows, and return only the first, which is the largest."""
     return plain(*sizes)[:1]
 
 
 def nothing(*_given: Any) -> tuple[()]:
-    """In the place of what gives a tuple."""
+    """Return an empty tuple; takes the place of a function that returns a tuple."""
     return ()
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece: the recipe without it, by the choice; what is replaced; and in which chains it is at all."""
+    """A piece of the compensation or of the choice, and how to deglint a scene without it."""
 
-    recipe: Callable[[Choice], Chosen] = same
-    change: Callable[[], AbstractContextManager[Any]] = nullcontext
-    part_of: str = ""
+    recipe: Callable[[Choice], Chosen] = same  # method and chain to use instead
+    change: Callable[[], AbstractContextManager[Any]] = nullcontext  # disables the piece while this context is open
+    part_of: str = ""  # the stage that uses the piece
 
 
 PIECES = {
@@ -96,7 +96,7 @@ PIECES = {
 
 
 def ratio(piece: Piece, scene: Known, choice: Choice, error: float) -> float:
-    """Error without a piece over that with it; 1 where the piece has no part."""
+    """Error without a piece over `error`, that of the default; 1 if the piece is not used, NaN if removal fails."""
     method, chain = piece.recipe(choice)
     windows = sum("identify-level" in t.candidate.chain for t in choice.trials)
     if piece.part_of not in choice.best.chain or (method == "auto" and windows < 2):
@@ -111,12 +111,12 @@ def ratio(piece: Piece, scene: Known, choice: Choice, error: float) -> float:
 
 
 def spread(ratios: list[float]) -> str:
-    """Geometric mean, least and largest, as text."""
+    """Geometric mean, least and largest of ratios without NaN, as text."""
     return f"{np.exp(np.nanmean(np.log(ratios))):.2f} ({np.nanmin(ratios):.2f} to {np.nanmax(ratios):.2f})"
 
 
 def main(quick: bool) -> None:
-    """Measure and print."""
+    """Print the ratios of all pieces, by groups of scenes."""
     print("## Ablation\n\n" + machine())
     found: dict[str, dict[str, list[float]]] = {name: defaultdict(list) for name in PIECES}
     names, errors = [], defaultdict(list)

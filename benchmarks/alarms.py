@@ -1,8 +1,8 @@
 """Requested and observed false-alarm rates of scenes; a table of `python -m benchmarks detection`.
 
-Every scene is deglinted by default and scored by default. False alarms are counted over the pixels of the sea that have
-a score: of the hand-checked water where there is one, and farther than 7 pixels from labelled ships and other targets.
-Boats that nobody labelled are counted, too.
+Every scene is deglinted and scored with the default options. A false alarm is a pixel above the threshold. Only those
+pixels count that have a score, lie in the hand-checked water (if the scene has such a mask), and lie farther than 7
+pixels from labelled ships and other targets. Boats that nobody labelled are counted as false alarms.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from deglint.morphology import grown
 from detect.pipeline import Recipe, score_file
 
 from .files import DATA, plane
-from .ships import BANDS, PORTS
+from .ships import PORT_BANDS, PORTS
 
-RATES = (1e-3, 1e-4)
+REQUESTED_RATES = (1e-3, 1e-4)
 NEAR = 15
-"""Side of the square that grows labels: the blur of a ship and its nearest wake are no false alarms [pixel]."""
+"""Side of the square that grows labels [pixel]: a ship's blur and its nearest wake are no false alarms."""
 
 
 @dataclass(frozen=True)
 class Labelled:
-    """A scene, and files of its targets and of its water."""
+    """A scene: its name and image files, and the masks of its targets and of its water, if it has them."""
 
     name: str
     source: tuple[Path, ...]
@@ -39,11 +39,11 @@ class Labelled:
 
 
 def scenes(folder: Path) -> list[Labelled]:
-    """Every scene with labels that is there."""
+    """Every labelled scene whose image files exist in the folder."""
     found = []
     for name in PORTS:
         place = folder / "real" / name
-        bands = tuple(place / f"{b}.tiff" for b in BANDS)
+        bands = tuple(place / f"{b}.tiff" for b in PORT_BANDS)
         found.append(Labelled(name, bands, place / "ships.tif", place / "water.tif"))
     for name in ("casablanca", "honolulu"):
         place = folder / "sentinel2"
@@ -58,11 +58,11 @@ def scenes(folder: Path) -> list[Labelled]:
 
 
 def observed(scene: Labelled, scratch: Path) -> list[tuple[float, str, int]]:
-    """Observed over requested rate, the law of the threshold, and the false alarms expected, at each rate."""
+    """For each requested rate: observed over requested rate, law of the threshold, expected number of false alarms."""
     clean = scratch / "clean.tif"
     remove_glint([str(p) for p in scene.source], clean, overwrite=True)
     out = []
-    for rate in RATES:
+    for rate in REQUESTED_RATES:
         score_file(clean, scratch / "scores.tif", Recipe(pfa=rate), overwrite=True)
         scores = plane(scratch / "scores.tif")
         counted = np.isfinite(scores)
@@ -77,9 +77,9 @@ def observed(scene: Labelled, scratch: Path) -> list[tuple[float, str, int]]:
 
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
-    """Name, head and rows: one row a scene."""
+    """Name, head and rows of the table: one row for each scene in `directory`, by default `DATA`."""
     rows = []
     for scene in scenes(directory or DATA):
         with tempfile.TemporaryDirectory() as scratch:
             rows.append([scene.name, *(f"{s:.2f} ({law}, {n})" for s, law, n in observed(scene, Path(scratch)))])
-    yield "alarms", ("scene", *(f"{r:g}" for r in RATES)), rows
+    yield "alarms", ("scene", *(f"{r:g}" for r in REQUESTED_RATES)), rows

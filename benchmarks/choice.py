@@ -1,4 +1,4 @@
-"""How good the choice of a recipe is: expected against true error, and what the best candidate would have given."""
+"""How good is the choice of a recipe? Its expected and its true error, and the true error of the best candidate."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ CHAINS = (
     Candidate("wiener, posterior mean", "wiener", "targets, remove, posterior"),
     Candidate("opening of 13 pixels, wiener", "wiener", "psf:2, identify-level:13, targets, replace-level, remove"),
 )
-"""That docs compare on the sample scenes."""
+"""Candidates whose errors on the sample scenes docs/ compares."""
 
 
 def true_error(scene: Known, candidate: Candidate) -> float:
-    """Of a candidate on the whole scene; infinite where it cannot be fitted [%]."""
+    """Error of a candidate on the whole scene [%]; infinite if the candidate cannot be fitted."""
     if candidate.method == "copy":
         return scene.error(open_scene(scene.path).read())
     try:
@@ -31,12 +31,12 @@ def true_error(scene: Known, candidate: Candidate) -> float:
 
 
 def short(candidate: Candidate) -> str:
-    """Its name without what all openings have."""
-    return candidate.name.replace(" pixels, wiener", "")
+    """Name of a candidate; that of an opening is written without ", wiener"."""
+    return candidate.name.replace("pixels, wiener", "pixels")
 
 
 def main(quick: bool) -> None:
-    """Measure and print."""
+    """Print chosen and best candidates of all scenes, and the errors of `CHAINS` on the sample scenes."""
     print("## Choice\n\n" + machine())
     rows, expected, regrets = [], [], []
     for _group, scene in scenes(quick):

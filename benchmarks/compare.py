@@ -1,7 +1,7 @@
 """What changed between two runs of `rxdetect bench`: `python -m benchmarks compare OLD.json NEW.json`.
 
-A number is better or worse when its interval does not overlap the old one. A time must also move by more than 10 %, and
-times of different machines are not compared.
+A number is better or worse if its new interval does not overlap its old interval. A time must also change by more than
+10 %, and times of different machines are not compared.
 """
 
 import math
@@ -21,7 +21,7 @@ TIME_CHANGE = 0.1  # relative change above which a time is faster or slower
 
 @dataclass(frozen=True)
 class Change:
-    """A number that differs between two runs."""
+    """A number that differs between two runs, or that only one of them has."""
 
     name: str
     verdict: Verdict
@@ -33,7 +33,7 @@ class Change:
 
 
 def compare(old: Any, new: Any) -> list[Change]:
-    """Changes between two runs that were read from JSON, the worst first."""
+    """Changes between two runs, the worst first. A run is the content of a JSON file."""
     before, after = _numbers(old), _numbers(new)
     same_machine = _machine(old) == _machine(new)
     found = []
@@ -46,7 +46,7 @@ def compare(old: Any, new: Any) -> list[Change]:
 
 
 def judge(old: Number, new: Number, same_machine: bool = True) -> Verdict | None:
-    """Change of a number; None if it is not significant or not known."""
+    """Verdict on a number; None if its change is not significant, or if its values cannot be compared."""
     if not new.exact and not same_machine:
         return None
     if math.isnan(old.value) or math.isnan(new.value):
@@ -77,7 +77,7 @@ def _number(value: Mapping[str, Any]) -> Number:
 
 
 def main(files: list[Path]) -> None:
-    """Print the changes; exit code 1 if a number got worse or slower, or is gone."""
+    """Print the changes from the first to the second file; exit code 1 if a number got worse or slower, or is gone."""
     if len(files) != 2:
         raise SystemExit("compare takes two files: OLD.json NEW.json")
     found = compare(*(read_json(str(file), "run") for file in files))

@@ -12,7 +12,7 @@ from .timing import ROOT, fill, say, table
 
 
 def main(directory: Path | None, docs: bool) -> None:
-    """Print every table; with `docs`, write them into the page, too."""
+    """Print every table; with `docs`, also write them into the page. `directory` holds the scenes."""
     found = []
     for make in (ships.tables, alarms.tables, pd.tables):
         for name, head, rows in make(directory):

@@ -1,6 +1,6 @@
-"""Error of every method and regression on scenes whose truth is known, and on a real one.
+"""Error of every method and regression on simulated scenes, whose truth is known, and on a real scene.
 
-The simulated and real scenes lie beside the project and are no part of it; without them a line says so.
+The scenes lie beside the project and are no part of it. If they are missing, a line says so.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from detect.bench.numbers import rms_error
 from .files import DATA, values
 from .timing import machine, say
 
-NIR = 6
+NIR1 = 6
 DEEP = 184
-"""Columns of deep water at the left of the simulated scenes: the sample."""
-QUICK = ("wind09_delay00", "wind09_delay60")
+"""Number of columns at the left of the simulated scenes that are deep water; they are the sample."""
+QUICK_TRIALS = ("wind09_delay00", "wind09_delay60")
 PUBLISHED = {"B02": (0.856348, 13.45), "B03": (0.869187, 12.72), "B04": (0.806518, 19.30)}
-"""Slope on B08 over the hand-drawn sample of the real scene and what it leaves there, by independent software."""
+"""By other software, in the hand-drawn sample: slope on B08, and standard deviation after correction [DN]."""
 
 
 def combinations(quick: bool) -> list[tuple[str, str]]:
-    """Pairs (method, regression): all regressions, or two if `quick`, of each method that takes one; else ""."""
+    """Pairs (method, regression): all regressions (two if `quick`), or "" if the method takes no regression."""
     regressions = ("ols", "detrended") if quick else tuple(REGRESSIONS)
     return [(m, r) for m, method in METHODS.items() for r in (regressions if "regression" in method.options else ("",))]
 
 
 def simulated(quick: bool) -> None:
-    """Methods x regressions over the simulated scenes, and beside the errors recorded with them."""
+    """Print errors of all methods and regressions on the simulated scenes, then beside those of another program."""
     trial = json.loads((DATA / "simulated" / "trial_errors.json").read_text())
-    names = [n for n in trial if not quick or n in QUICK]
+    names = [n for n in trial if not quick or n in QUICK_TRIALS]
     rows: dict[tuple[str, str], list[str]] = {c: [] for c in combinations(quick)}
     raw, checks = [], []
     for name in names:
@@ -67,20 +67,20 @@ def simulated(quick: bool) -> None:
 
 
 def whole_and_deep(image: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
-    """Error of the whole crop and of its deep water [%]."""
+    """Error of the whole image and of its deep water [% of the water level]."""
     return float(rms_error(image, truth, slice(None))), float(rms_error(image, truth, slice(DEEP)))
 
 
 def cleaned(scene: Scene, image: np.ndarray, method: str, regression: str) -> np.ndarray:
-    """The image without glint, fitted to deep water."""
+    """Remove the glint of an image by a method that is fitted to the deep water of the image."""
     sample = np.zeros(image.shape[1:], np.bool_)
     sample[:, :DEEP] = True
     options: dict[str, Any] = {"regression": regression} if regression else {}
-    return remove.apply(image, remove.fit(method, image, nir=NIR, sample=sample, bands=scene.bands, **options))
+    return remove.apply(image, remove.fit(method, image, nir=NIR1, sample=sample, bands=scene.bands, **options))
 
 
 def real(quick: bool) -> None:
-    """A reef under strong wave glint: what is left of the waves in deep water, and the slopes."""
+    """Print, for a real reef under strong wave glint, the slopes and what is left of the waves in deep water."""
     folder = DATA / "sentinel2"
     scene = open_scene(folder / "palau.tif")
     block, polygon = scene.read(), str(folder / "palau_deep_water.geojson")
@@ -111,7 +111,7 @@ def real(quick: bool) -> None:
 
 
 def main(quick: bool) -> None:
-    """Measure and print."""
+    """Print the tables of the simulated and of the real scenes."""
     print("## Error\n\n" + machine())
     if (DATA / "simulated" / "trial_errors.json").exists():
         simulated(quick)

@@ -1,7 +1,7 @@
-"""deglint beside other programs on the same simulated scenes: `python -m benchmarks field --directory FOLDER [--docs]`.
+"""deglint and other programs on the same simulated scenes: `python -m benchmarks field --directory FOLDER [--docs]`.
 
-FOLDER holds copies of the others (see `field_peers`). What is not there is reported as not at hand. All but deglint are
-told which pixels are deep water, from the truth: it is more than a user knows.
+FOLDER holds copies of the other programs (see `field_peers`). A missing program is reported as not at hand. All
+programs but deglint get the pixels of deep water from the truth, which is more than a user knows.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from .timing import ROOT, fill, in_turns, machine, table
 Array = npt.NDArray[np.floating[Any]]
 Run = Callable[[Path, Told], Array]
 
-NIR = 833.0
-"""Wavelength of the NIR band that the others are given [nm]."""
+NIR_WAVELENGTH = 833.0
+"""The other programs get the band nearest to this wavelength as their NIR band [nm]."""
 ALIKE = 0.1
-"""Water is deep where each visible band is as near to the water's level as this share of it."""
-LEAST = 1000
-"""Pixels of such water; else all pixels that count are the sample [pixel]."""
+"""Water is deep if each visible band of the truth differs from the water level by less than this share of it."""
+LEAST_DEEP = 1000
+"""Fewest pixels of deep water; in a scene with fewer of them, all pixels that count are the sample."""
 GROUPS = {
     "0.1-0.5 m": r"wind|p0|discs|w3_|f30",
     "1-3 m": r"p[123]",
@@ -50,13 +50,13 @@ GROUPS = {
     "hard cases": r"coast|foam|border|stripes|into",
     "own seeds": r"own",
 }
-"""Scenes by the start of their names; hard: coast, foam, borders of zeros, stripes, a view into the glint."""
+"""Groups, and the starts of their scenes' names; hard: coast, foam, zeros, stripes, a view into the glint."""
 TARGETS = ("wind05_delay60", "wind09_delay60")
-"""Scenes in which white targets of 2 to 5 pixels are put."""
+"""Scenes into which white targets of 2, 3 and 5 pixels are put."""
 
 
 def told_of(known: Known) -> Told:
-    """What the others are told of a scene."""
+    """Input of the other programs for a scene."""
     scene = open_scene(known.path)
     image = scene.read().astype(np.float64)
     waves = tuple(b.wavelength or 0.0 for b in scene.bands)
@@ -64,12 +64,12 @@ def told_of(known: Known) -> Told:
     level = known.level[:, None, None]
     near = np.abs(known.truth / level - 1)[list(known.visible)] < ALIKE
     deep = known.counts & near.all(axis=0)
-    deep = deep if deep.sum() >= LEAST else known.counts
-    return Told(image, full, int(np.argmin(np.abs(np.array(waves) - NIR))), known.visible, waves, deep)
+    deep = deep if deep.sum() >= LEAST_DEEP else known.counts
+    return Told(image, full, int(np.argmin(np.abs(np.array(waves) - NIR_WAVELENGTH))), known.visible, waves, deep)
 
 
 def other(remove: Remove) -> Run:
-    """What another program makes of an array; what it says is not shown."""
+    """A function that runs another program, with the same parameters as for deglint and without its messages."""
 
     def run(_path: Path, told: Told) -> Array:
         with warnings.catch_warnings(), np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
@@ -80,7 +80,7 @@ def other(remove: Remove) -> Run:
 
 
 def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
-    """What can run, by name, and why the rest cannot."""
+    """Programs that can run, by name, and for the others, by name, the reason why they cannot."""
     ready: dict[str, Run] = {
         "raw": lambda _path, told: told.image,
         "deglint remove": lambda path, _told: deglinted(path)[0],
@@ -98,13 +98,13 @@ def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
 
 
 def objects(path: Path) -> npt.NDArray[np.bool_]:
-    """Where the objects under water are."""
+    """Mask of the objects under water, from a file beside the scene `path`."""
     mask = path.with_name(f"{path.stem}_mask.tif")
     return plane(mask if mask.exists() else path.with_name(f"{path.stem}_objects.tif")) > 0
 
 
 def contrasts(image: Array, known: Known, there: npt.NDArray[np.bool_]) -> list[float]:
-    """Share of the contrast that is left, of each object of 8 pixels and more that shows in the truth."""
+    """Share of its contrast that each object of mask `there` keeps, if it has 8 pixels and shows in the truth."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(there.astype(np.uint8), connectivity=8)
     square = np.ones((5, 5), np.uint8)
     far, found = cv2.dilate(there.astype(np.uint8), square) == 0, []
@@ -124,16 +124,16 @@ def contrasts(image: Array, known: Known, there: npt.NDArray[np.bool_]) -> list[
 
 @dataclass
 class PixelCounts:
-    """What a program reached: error by scene [%], shares of contrast, of pixels lost, refused scenes."""
+    """Results of a program on all scenes."""
 
-    errors: dict[str, float] = field(default_factory=dict)
-    shares: list[float] = field(default_factory=list)
-    targets: list[float] = field(default_factory=list)
-    lost: list[float] = field(default_factory=list)
+    errors: dict[str, float] = field(default_factory=dict)  # by scene [%]
+    shares: list[float] = field(default_factory=list)  # of its contrast that each object keeps
+    targets: list[float] = field(default_factory=list)  # share of its contrast that each white target keeps
+    lost: list[float] = field(default_factory=list)  # share of pixels that have no value afterwards, of each scene
 
 
 def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, PixelCounts]:
-    """Run everything on every scene."""
+    """Run every program on every scene. Return the results by the program's name."""
     out = {name: PixelCounts() for name in ready}
     for group, known in scenes(quick):
         told, there = told_of(known), objects(known.path)
@@ -153,7 +153,7 @@ def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, PixelCounts]:
 
 
 def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCounts]) -> None:
-    """White targets of 2, 3 and 5 pixels in a scene, and what is left of each."""
+    """Put white targets of 2, 3 and 5 pixels into a scene, run every program, and add the contrast left to `out`."""
     there, targets = implant(sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
     told, units = told_of(Known.of(sea.path)), scale(sea.sensor)
     told = replace(told, image=there.image * units)
@@ -165,7 +165,7 @@ def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCount
 
 
 def large(place: Path, side: int) -> tuple[Path, Told]:
-    """A scene laid side by side, as a file and as what the others are told."""
+    """A scene repeated to `side` x `side` pixels: its file in folder `place`, and the input of other programs."""
     source = DATA / "simulated" / "wind09_delay60.tif"
     path, told = laid_out(source, place / "large.tif", side, "uint16"), told_of(Known.of(source))
     times = -(-side // len(told.deep))
@@ -173,7 +173,7 @@ def large(place: Path, side: int) -> tuple[Path, Told]:
 
 
 def times(ready: Mapping[str, Run], quick: bool, side: int) -> dict[str, float]:
-    """Processor time of each [s], from the image in memory (deglint: from the file) to the corrected image."""
+    """Processor time of each program [s], from image in memory (deglint: from file) to corrected image."""
     with tempfile.TemporaryDirectory() as place:
         path, told = large(Path(place), side)
         jobs = {name: (lambda run=run: run(path, told)) for name, run in ready.items() if name != "raw"}
@@ -182,17 +182,17 @@ def times(ready: Mapping[str, Run], quick: bool, side: int) -> dict[str, float]:
 
 
 def mean(values: list[float]) -> str:
-    """Geometric mean as text."""
+    """Geometric mean as text, or "-" without values."""
     return f"{np.exp(np.mean(np.log(values))):.1f}" if values else "-"
 
 
 def kept(shares: list[float]) -> str:
-    """Share of objects or targets that keep their contrast, as text."""
+    """Share of objects or targets that keep 80 to 125 % of their contrast, as text."""
     return f"{survive(np.array(shares)):.2f}" if shares else "-"
 
 
 def errors(found: Mapping[str, PixelCounts]) -> str:
-    """Error by group of scenes."""
+    """Table of the mean error of each program in each group of scenes."""
     rows = []
     for name, program in found.items():
         by = [mean([e for s, e in program.errors.items() if re.match(pattern, s)]) for pattern in GROUPS.values()]
@@ -202,21 +202,20 @@ def errors(found: Mapping[str, PixelCounts]) -> str:
 
 
 def harm(found: Mapping[str, PixelCounts], seconds: Mapping[str, float]) -> str:
-    """What is kept and lost, how often a program is the best or worse than none, and its time."""
+    """Table of programs: on how many scenes each is best or worse than raw, what it keeps and loses, its time."""
     rows, first = [], seconds["deglint remove"]
     for name, t in found.items():
         worse = sum(e > 1.02 * found["raw"].errors[s] for s, e in t.errors.items())
         best = sum(e <= min(o.errors[s] for o in found.values()) for s, e in t.errors.items())
         time_of = f"{seconds[name]:.2f} ({seconds[name] / first:.3f})" if name in seconds else "-"
-        rows.append(
-            [name, str(best), str(worse), kept(t.shares), kept(t.targets), f"{100 * np.mean(t.lost):.1f}", time_of]
-        )
+        lost = f"{100 * np.mean(t.lost):.1f}"
+        rows.append([name, str(best), str(worse), kept(t.shares), kept(t.targets), lost, time_of])
     return table(("", "best on", "worse than raw on", "objects kept", "white targets kept", "pixels lost [%]",
                   "time [s] (of deglint's)"), rows)  # fmt: skip
 
 
 def better(found: Mapping[str, PixelCounts]) -> str:
-    """Scenes on which another program is better than the default of deglint."""
+    """Table of scenes on which another program, or the raw image, has a smaller error than the default of deglint."""
     ours, rows = found["deglint remove"], []
     for stem, error in ours.errors.items():
         name = min((n for n in found if not n.startswith("deglint")), key=lambda n: found[n].errors[stem])
@@ -228,7 +227,7 @@ def better(found: Mapping[str, PixelCounts]) -> str:
 def parts(
     found: Mapping[str, PixelCounts], seconds: Mapping[str, float], missing: Mapping[str, str], side: int
 ) -> list[str]:
-    """The measured parts of the page: machine, errors, what is kept and lost, and where another program is better."""
+    """Texts of the measured parts of docs/field.md: the machine, and the results of `errors`, `harm` and `better`."""
     ratios = [seconds[n] / seconds["deglint remove"] for n in seconds if not n.startswith("deglint")] or [np.nan]
     absent = [f"Not at hand: {'; '.join(f'{name} ({why})' for name, why in missing.items())}."] if missing else []
     cost = (f"Times are those of 8 bands of {side} x {side} pixels. The other programs take {min(ratios):.3f} to "
@@ -237,7 +236,7 @@ def parts(
 
 
 def main(quick: bool, directory: Path | None, docs: bool) -> None:
-    """Measure and print; with `docs`, write the page, too."""
+    """Measure and print; with `docs`, also write into docs/field.md. `directory` holds the other programs."""
     logging.getLogger("deglint").setLevel(logging.ERROR)
     if not (DATA / "simulated").exists():
         print("Skipped: the simulated scenes do not lie beside the project.")

@@ -1,7 +1,7 @@
-"""Other programs that remove or mask sun glint, run from copies of their own code, and what each can do.
+"""Run other programs that remove or mask sun glint, each from a copy of its own code.
 
-A folder holds what is at hand: Python packages as `pip install --no-deps --target FOLDER` lays them, and copies of
-the repositories that are no packages. Nothing of it is part of the project, and nothing here repeats its code.
+One folder holds the copies: Python packages as `pip install --no-deps --target FOLDER` installs them, and repositories
+that are no packages. They are no part of the project, and this module repeats none of their code.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What a program is told: the image, the physical value of full scale, its NIR and visible bands, deep water."""
+    """Input of a program for one scene. Bands are numbered from 0."""
 
-    image: Array
-    full: Array
+    image: Array  # (band, row, column)
+    full: Array  # physical value of full scale, (band, 1, 1)
     nir: int
     visible: tuple[int, ...]
-    wavelengths: tuple[float, ...]
-    deep: Mask
+    wavelengths: tuple[float, ...]  # [nm], 0 if unknown
+    deep: Mask  # pixels of deep water
 
     def with_visible(self, corrected: Array) -> Array:
-        """The image with its visible bands replaced."""
+        """A copy of the image in which `corrected` replaces the visible bands."""
         out = self.image.copy()
         out[list(self.visible)] = corrected
         return out
@@ -48,12 +48,12 @@ Remove = Callable[[Told], Array]
 
 
 def on_path(*folders: Path) -> AbstractContextManager[Any]:
-    """Modules of these folders can be imported for a while, after all that is installed."""
+    """A context in which modules of these folders can be imported. Installed modules have precedence."""
     return patch.object(sys, "path", [*sys.path, *map(str, folders)])
 
 
 def bare(name: str, folder: Path) -> None:
-    """Let modules of a package be imported without what its `__init__` imports (maps, georeferencing, plots)."""
+    """Let modules of a package be imported without running its `__init__`, which imports maps, plots and more."""
     if not folder.is_dir():
         raise ModuleNotFoundError(f"no folder {folder.name}/ of {name}")
     package = ModuleType(name)
@@ -62,7 +62,7 @@ def bare(name: str, folder: Path) -> None:
 
 
 def sungc(folder: Path, name: str) -> Remove:
-    """The functions on arrays that sungc's class for products calls."""
+    """The function `name` of sungc, which corrects arrays; sungc's own class for image products calls it."""
     with on_path(folder, folder / "sun-glint-correction"):
         algorithms = import_module("sungc.algorithms")
 
@@ -78,7 +78,7 @@ def sungc(folder: Path, name: str) -> Remove:
 
 
 def sensingpy(folder: Path, name: str) -> Remove:
-    """A function of `sensingpy.preprocessing.deglinting`; it changes its input, so it gets a copy."""
+    """The function `name` of `sensingpy.preprocessing.deglinting`. It changes its input, so it gets a copy."""
     with on_path(folder):
         bare("sensingpy", folder / "sensingpy")
         bare("sensingpy.preprocessing", folder / "sensingpy" / "preprocessing")
@@ -91,7 +91,7 @@ def sensingpy(folder: Path, name: str) -> Remove:
 
 
 def stereo_pipeline(folder: Path, _name: str) -> Remove:
-    """`glint_correct` of the Ames Stereo Pipeline, with arrays in place of files and without its plots."""
+    """The tool `glint_correct` of the Ames Stereo Pipeline, with arrays in place of files and without its plots."""
     path = folder / "StereoPipeline" / "src" / "asp" / "Tools" / "glint_correct"
     if not path.exists():
         raise ModuleNotFoundError("no file StereoPipeline/src/asp/Tools/glint_correct")
@@ -115,7 +115,7 @@ def stereo_pipeline(folder: Path, _name: str) -> Remove:
 
 
 def dronewq(folder: Path, _name: str) -> Remove:
-    """Hedley's method as DroneWQ runs it: one slope an image from all its pixels, four bands and the NIR at a time."""
+    """Hedley's method of DroneWQ, fitted to all pixels of an image. Each call takes four bands and the NIR."""
     with on_path(folder):
         for part in ("", ".lw_methods", ".utils"):
             bare(f"dronewq{part}", folder.joinpath("dronewq", *part.split(".")))
@@ -141,7 +141,7 @@ def dronewq(folder: Path, _name: str) -> Remove:
 
 
 def sugar(folder: Path, _name: str) -> Remove:
-    """SUGAR, three times over as in its papers: flashes by the Laplacian, replaced by an erosion of 5 pixels."""
+    """SUGAR, three iterations as in its papers. It replaces flashes (found by Laplacian) by an erosion of 5 pixels."""
     sys.modules.setdefault("preprocessing", MagicMock())  # of its window; only names of bands come from there
     with on_path(folder, folder / "CoastalWQL"):
         tool = import_module("sunglint_correction.SUGAR")
@@ -169,7 +169,7 @@ def glint_mask(folder: Path, _name: str) -> Remove:
 
 @dataclass(frozen=True)
 class Peer:
-    """A way to run a program, and what makes it ready from the folder."""
+    """A way to run a program: its name in tables, the function above that loads it, and that function's `name`."""
 
     name: str
     load: Callable[[Path, str], Remove]

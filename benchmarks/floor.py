@@ -1,4 +1,4 @@
-"""The least work of a tool that reads and writes a raster: `python -m benchmarks.floor IN OUT` copies its blocks."""
+"""Copy a raster, the least work of a tool that reads and writes rasters: `python -m benchmarks.floor IN OUT`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import rasterio
 
 
 def copy(source: str, target: str) -> None:
-    """Read every block with all bands and write it to a file with the same profile; one thread."""
+    """Read every block of all bands and write it into a file with the same profile, by one thread."""
     with rasterio.open(source) as scene:
         profile = {**scene.profile, "BIGTIFF": "IF_SAFER"}
         if predictor := scene.tags(ns="IMAGE_STRUCTURE").get("PREDICTOR"):

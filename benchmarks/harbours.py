@@ -1,4 +1,4 @@
-"""Ships of real scenes, and targets put into their water: what contrast `deglint remove` leaves them, end to end."""
+"""Contrast that `deglint remove` leaves to ships of real scenes, and to targets that are put into their water."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ from deglint.masks import Roles, fit_water, water
 from deglint.masks.sample import deep_water, fit_sample
 
 from .files import plane, removed, values
-from .implants import SIZES, STEP, Array, survive
+from .implants import GRID_STEP, SIZES, Array, survive
 from .timing import say
 
 Mask = npt.NDArray[np.bool_]
-NIR = ("B08",)
-FEW = 24
-"""Targets in a scene, about."""
-RECIPES = {"hedley": Recipe(method="hedley", nir=NIR, mask="none", compensate="off"), "deglint remove": Recipe(nir=NIR)}
-"""Hedley as published, and what is done unasked."""
+SCENE_TARGETS = 24
+"""Approximate number of targets in a scene."""
+HARBOUR_RECIPES = {
+    "hedley": Recipe(method="hedley", nir=("B08",), mask="none", compensate="off"),
+    "deglint remove": Recipe(nir=("B08",)),
+}
+"""Hedley's method as published, and the default."""
 
 
 def kept(folder: Path, name: str, recipe: Recipe) -> tuple[Array, Array]:
-    """Share of contrast left of each ship, (ship, band), and noise of deep water (band,), for B02, B03, B04.
+    """Share of its contrast that each ship keeps, (ship, band), and noise of deep water, (band,): B02, B03, B04.
 
-    Ships are those with a label, of whose ring at least a third is water.
+    A labelled ship counts if at least a third of the ring 5 to 15 pixels from its brightest pixel is water.
     """
     image = values(folder / f"{name}.tif")
     labels = plane(folder / f"{name}_ships.tif").astype(int)
@@ -44,7 +46,7 @@ def kept(folder: Path, name: str, recipe: Recipe) -> tuple[Array, Array]:
 
 
 def _contrast(image: Array, labels: npt.NDArray[Any], sea: Mask, number: int) -> Array | None:
-    """Brightest pixel of the ship against the median of the water 5 to 15 pixels from it."""
+    """Brightest pixel of a ship minus the median of the water 5 to 15 pixels away, (band,); None without such water."""
     rows, columns = np.nonzero(labels == number)
     if not rows.size:
         return None
@@ -61,7 +63,7 @@ def _contrast(image: Array, labels: npt.NDArray[Any], sea: Mask, number: int) ->
 
 
 def _noise(image: Array, deep: Mask) -> Array:
-    """Standard deviation of deep water about its mean over 31 x 31 pixels; a ten-thousandth, ships, is left out."""
+    """Standard deviation of deep water from its local mean (31 x 31 pixels), without the largest 0.01 %, (band,)."""
 
     def box(values: Array) -> Array:
         return cv2.boxFilter(values, -1, (31, 31), normalize=False, borderType=cv2.BORDER_CONSTANT)
@@ -74,10 +76,10 @@ def _noise(image: Array, deep: Mask) -> Array:
 
 
 def ships(folder: Path) -> None:
-    """Ships of two harbours."""
+    """Print the contrast that the ships of two harbours keep."""
     rows = []
     for name in ("casablanca", "honolulu"):
-        for label, recipe in RECIPES.items():
+        for label, recipe in HARBOUR_RECIPES.items():
             shares, noise = kept(folder, name, recipe)
             left = [f"{np.median(s):.2f} / {(s >= 0.8).mean():.2f}" for s in shares.T]
             rows.append([f"{name}, {len(shares)} ships", label, *left, *(f"{x:.1f}" for x in noise)])
@@ -86,22 +88,19 @@ def ships(folder: Path) -> None:
 
 
 def targets(folder: Path) -> None:
-    """Grey squares put straight into the water of real scenes, over whatever waves are there."""
+    """Put grey squares, not blurred, into the water of real scenes, and print the contrast that they keep."""
     rows = []
-    for name, unit, roles in (
-        ("casablanca", 65535, Roles(nir=3, blue=0, green=1, red=2)),
-        ("honolulu", 65535, Roles(nir=3, blue=0, green=1, red=2)),
-        ("palau", 10000, Roles(nir=7, blue=1, green=2, red=3)),
-    ):
+    few, many = Roles(nir=3, blue=0, green=1, red=2), Roles(nir=7, blue=1, green=2, red=3)
+    for name, unit, roles in (("casablanca", 65535, few), ("honolulu", 65535, few), ("palau", 10000, many)):
         image = values(folder / f"{name}.tif")
         places = _places(water(image, fit_water([image], roles)))
-        empty = {label: removed(folder / f"{name}.tif", recipe) for label, recipe in RECIPES.items()}
+        empty = {label: removed(folder / f"{name}.tif", recipe) for label, recipe in HARBOUR_RECIPES.items()}
         for reflectance in (0.05, 0.1, 0.3):
             cells = []
             with tempfile.TemporaryDirectory() as scratch:
                 path = Path(scratch) / f"{name}.tif"
                 there = _planted(folder / f"{name}.tif", path, places, round(reflectance * unit))
-                for label, recipe in RECIPES.items():
+                for label, recipe in HARBOUR_RECIPES.items():
                     clean = removed(path, recipe)
                     shares = [
                         [(clean[b][p] - empty[label][b][p]).mean() / (there[b][p] - image[b][p]).mean()
@@ -110,26 +109,26 @@ def targets(folder: Path) -> None:
                     cells.append(f"{np.median(shares):.2f} / {survive(np.array(shares).ravel()):.2f}")
             rows.append([name, f"{100 * reflectance:g} %", str(len(places)), *cells])
     note = "Median share of contrast left / share that keeps 80 to 125 %, over B02, B03, B04."
-    say("Targets of 1 to 5 pixels in real water", ("", "reflectance", "targets", *RECIPES), rows, note)
+    say("Targets of 1 to 5 pixels in real water", ("", "reflectance", "targets", *HARBOUR_RECIPES), rows, note)
 
 
 def _places(sea: Mask) -> list[tuple[slice, slice]]:
-    """Places of targets: on a grid, 8 pixels from land; few, to cover at most a thousandth of the water."""
+    """Places of about `SCENE_TARGETS` targets, on a grid and at least 8 pixels from land: they cover little water."""
     corners = [
         (row, column)
-        for row in range(20, sea.shape[0] - 20, STEP)
-        for column in range(20, sea.shape[1] - 20, STEP)
+        for row in range(20, sea.shape[0] - 20, GRID_STEP)
+        for column in range(20, sea.shape[1] - 20, GRID_STEP)
         if sea[row - 8 : row + 9, column - 8 : column + 9].all()
     ]
     out = []
-    for i, (row, column) in enumerate(corners[:: max(len(corners) // FEW, 1)]):
+    for i, (row, column) in enumerate(corners[:: max(len(corners) // SCENE_TARGETS, 1)]):
         size = SIZES[i % len(SIZES)]
         out.append((slice(row, row + size), slice(column, column + size)))
     return out
 
 
 def _planted(source: Path, path: Path, places: Sequence[tuple[slice, slice]], value: int) -> Array:
-    """Write a copy of a file with a value at some places; the copy's numbers."""
+    """Write a copy of a file with `value` in all bands at the places. Return its physical values."""
     shutil.copyfile(source, path)
     with rasterio.open(path, "r+") as out:
         counts = out.read()

@@ -1,8 +1,9 @@
 """Targets put into scenes before the optics blur them, and how much of their contrast is left.
 
-A target is opaque and flat: ``L' = L (1 - p) + p R E / pi``, p its outline through the sensor's optics, with new noise.
-The contrast left is the excess over the scene without it, weighted by the excess it should have, over the visible bands
-and the pixels that have at least a quarter of its strongest, in units of the light.
+A target is opaque and flat. It changes the radiance L of a pixel to ``L' = L (1 - p) + p R E / pi``: p is the share of
+the pixel that it covers, seen through the optics, R its reflectance, E the irradiance. New noise is added. The excess
+is the difference from the true scene without targets, relative to a target of reflectance 1. The contrast left is the
+slope (least squares) of excess over true excess in visible bands, where the latter is over a quarter of its maximum.
 """
 
 from __future__ import annotations
@@ -33,9 +34,10 @@ Curve = Callable[[Array], Array]
 Kind = tuple[str, int]
 
 SENSOR = preset("thesis")
-STEP, SIDE, SIZES = 24, 33, (1, 2, 3, 5)
-LEAST, MOST = 0.8, 1.25
-"""Share of its contrast with which a target survives."""
+GRID_STEP, OUTLINE_SIDE, SIZES = 24, 33, (1, 2, 3, 5)
+"""Step of the grid of targets, side of the area of one target's outline, and sides of targets [pixel]."""
+LEAST_KEPT, MOST_KEPT = 0.8, 1.25
+"""Least and largest share of its contrast with which a target survives."""
 
 
 def _falls(at: float, softness: float = 15.0) -> Curve:
@@ -56,18 +58,18 @@ COLOURS: dict[str, Curve] = {
 
 
 def reflectance(colour: str, sensor: Sensor) -> Array:
-    """Of a colour in each band of a sensor."""
+    """Mean reflectance of a colour in each band of a sensor, (band,)."""
     return np.array([COLOURS[colour](np.arange(b.low, b.high + 1)).mean() for b in sensor.bands])
 
 
 def scale(sensor: Sensor) -> Array:
-    """Radiance of one digital number, (band, 1, 1)."""
+    """Radiance of one digital number in each band, (band, 1, 1)."""
     return np.array([sensor.scale(b) for b in sensor.bands])[:, None, None]
 
 
 @dataclass(frozen=True)
 class Target:
-    """What stands where."""
+    """A square target: its colour and side, and row and column of the pixel at its middle."""
 
     colour: str
     size: int
@@ -77,7 +79,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Sea:
-    """A scene in digital numbers with its truth, (band, row, column), and where the squares under water are."""
+    """A scene: its file; image, truth and glint in digital numbers, (band, row, column); and objects under water."""
 
     path: Path
     image: Array
@@ -89,33 +91,37 @@ class Sea:
 
 @cache
 def white(sensor: Sensor) -> Array:
-    """Digital numbers of a white target."""
+    """Digital numbers of a target of reflectance 1, (band,)."""
     lit = Light(Setup(sensor=sensor))
     return np.asarray((lit.direct + lit.diffuse) / np.pi / scale(sensor).ravel())
 
 
 @cache
 def outline(sensor: Sensor, size: int, down: float, right: float, speed: float) -> Array:
-    """Share of each pixel that a square takes, through the optics, (band, SIDE, SIDE); speed to the right [m/s]."""
-    fine = np.fft.fftfreq(SIDE * 8, 1 / 8)
-    out, middle = [], 0.0 if size % 2 else 0.5
+    """Share of each pixel that a square covers, seen through the optics, (band, `OUTLINE_SIDE`, `OUTLINE_SIDE`).
+
+    `size`, and the shift from the middle `down` and `right`, are in pixels; `speed` is to the right [m/s].
+    """
+    fine = np.fft.fftfreq(OUTLINE_SIDE * 8, 1 / 8)
+    out, middle, square = [], 0.0 if size % 2 else 0.5, np.sinc(size * fine)
     for band in sensor.bands:
         moved = right + speed * band.time_offset / sensor.gsd
-        spectrum = mtf(fine[:, None], fine[None], sensor, band.wavelength) * np.outer(
-            np.sinc(size * fine), np.sinc(size * fine)
-        )
+        spectrum = mtf(fine[:, None], fine[None], sensor, band.wavelength) * np.outer(square, square)
         spectrum = spectrum * np.exp(-2j * np.pi * np.add.outer(fine * (down + middle), fine * (moved + middle)))
         out.append(np.fft.fftshift((np.fft.ifft2(spectrum * size**2).real * 64)[::8, ::8]))
     return np.clip(np.stack(out), 0, 1)
 
 
 def implant(
-    sea: Sea, kinds: Sequence[Kind], seed: int, speed: float = 0.0, step: int = STEP
+    sea: Sea, kinds: Sequence[Kind], seed: int, speed: float = 0.0, step: int = GRID_STEP
 ) -> tuple[Sea, list[Target]]:
-    """The scene with targets on a grid, every second seed off the grid of the pixels; not over the squares."""
+    """Put targets of (colour, side) `kinds` into a scene, on a grid, but not near objects under water.
+
+    Returns the new scene, and the targets. If `seed` is odd, targets are shifted by quarters of a pixel.
+    """
     rng, image, truth = np.random.default_rng(seed), sea.image.copy(), sea.truth.copy()
     taken = cv2.dilate((sea.objects > 0).astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
-    half, found, queue, gain = SIDE // 2, [], [], sea.sensor.well / sea.sensor.levels
+    half, found, queue, gain = OUTLINE_SIDE // 2, [], [], sea.sensor.well / sea.sensor.levels
     dark = (sea.sensor.read_noise / gain) ** 2 + 1 / 12  # variance of digital numbers at 0
     for row in range(20, image.shape[1] - 20, step):
         for column in range(20, image.shape[2] - 20, step):
@@ -136,7 +142,7 @@ def implant(
 
 
 def contrast(clean: Array, without: Array, truth: Array, targets: Sequence[Target], sensor: Sensor = SENSOR) -> Array:
-    """Share of each target's contrast that is left."""
+    """Share of its contrast that each target keeps in image `clean`, given the truth without and with targets."""
     out = []
     for t in targets:
         place = slice(VISIBLE_BANDS), slice(t.row - 5, t.row + 7), slice(t.column - 5, t.column + 7)
@@ -148,12 +154,12 @@ def contrast(clean: Array, without: Array, truth: Array, targets: Sequence[Targe
 
 
 def shared(name: str) -> Sea:
-    """A scene that lies beside the project."""
+    """A recorded scene, which lies beside the project, by its name."""
     return _sea(DATA / "simulated" / f"{name}.tif")
 
 
 def simulated(place: Path, wind: float, patch: float, seed: int, sensor: Sensor = SENSOR) -> Sea:
-    """A scene made here, in a file at a place; squares under water where pixels are fine."""
+    """Simulate a scene into folder `place`, with squares under water if pixels are smaller than 0.5 m."""
     path = place / f"{sensor.name}-{wind:g}-{patch:g}-{seed}.tif"
     squares = thesis_array((384, 384), sensor.gsd) if sensor.gsd < 0.5 else ()
     sea = {"wind": wind, "patch": patch, "seed": seed, "sky": "cardioidal"}
@@ -169,7 +175,7 @@ def _sea(path: Path, sensor: Sensor = SENSOR) -> Sea:
 
 
 def write(sea: Sea, path: Path) -> None:
-    """A copy of the sea's own file with another image."""
+    """Write the sea's image to `path`, in a copy of the sea's own file."""
     shutil.copyfile(sea.path, path)
     with rasterio.open(path, "r+") as out:
         out.write(np.clip(sea.image, 0, sea.sensor.levels).astype(out.dtypes[0]))
@@ -177,4 +183,4 @@ def write(sea: Sea, path: Path) -> None:
 
 def survive(shares: Array) -> float:
     """Share of the targets that keep 80 to 125 % of their contrast."""
-    return float(((shares >= LEAST) & (shares <= MOST)).mean())
+    return float(((shares >= LEAST_KEPT) & (shares <= MOST_KEPT)).mean())

@@ -1,7 +1,7 @@
 """Probability of detection of small targets at 1 false object per km2, before and after deglinting.
 
-Targets of 2 to 5 pixels stand in the real water of ports at 10 m; targets as large as swimmers and boats stand in
-simulated seas at 0.25 m and 1.24 m whose bands look one after the other.
+Targets of 2 to 5 pixels are put into real images of ports, with pixels of 10 m. Swimmers and boats float in simulated
+seas, with pixels of 0.25 m and 1.24 m and with bands that are not simultaneous.
 """
 
 from __future__ import annotations
@@ -27,41 +27,41 @@ from detect.pipeline import score_file
 
 from .alarms import NEAR
 from .files import DATA, plane
-from .ships import BANDS, REMOVALS, Port
+from .ships import PORT_BANDS, REMOVALS, Port
 
 Mask = npt.NDArray[np.bool_]
 Place = tuple[slice, slice]
-RATE = 1.0
-"""False objects per km2."""
-REFLECTANCES = (0.05, 0.1, 0.2, 0.3)
+FALSE_RATE = 1.0
+"""False objects per km2 at which the probability of detection is determined."""
+TARGET_REFLECTANCES = (0.05, 0.1, 0.2, 0.3)
 SHAPES = ((1, 2), (3, 1), (2, 2), (1, 5))
 """Rows and columns of targets of 2 to 5 pixels."""
 APART = 12
 """Least distance of a target from land, ships and other targets [pixel]."""
-MOST = 80
-"""Targets in a scene."""
-FEW = 16
-"""Targets in a simulated sea: more would be no anomalies there."""
+PORT_TARGETS = 80
+"""Most targets in the image of a port."""
+SEA_TARGETS = 16
+"""Most targets in a simulated sea: more would be no anomalies there."""
 UNIT = 65535
 """Digital number of reflectance 1 in the real scenes."""
 BLUR = 0.5
 """Standard deviation of the point spread function of Sentinel-2's 10 m bands [pixel]: MTF 0.3 at the Nyquist rate."""
-LOWEST = 1e-3
-"""Share of the sea that is looked at for objects: far more than 1 object per km2."""
+SEARCHED_SHARE = 1e-3
+"""Objects are searched in this share of pixels, those of the highest scores: far more than 1 object per km2."""
 WIND = 5.0
 """Wind over the simulated seas [m/s]."""
-SIDE = (384, 384)
-"""Rows and columns of the simulated seas: too small for a single false object at `RATE`."""
+SEA_SHAPE = (384, 384)
+"""Rows and columns of the simulated seas. They are so small that `FALSE_RATE` allows not one false object."""
 FLOATING: dict[str, dict[str, Any]] = {
     "swimmer": {"length": 0.6, "width": 0.4, "material": "skin"},
     "boat of 3 m, 2 m/s": {"length": 3.0, "width": 1.5, "speed": 2.0},
     "boat of 8 m, 5 m/s": {"length": 8.0, "width": 2.5, "speed": 5.0},
 }
-"""Floating targets, headed into all directions."""
+"""Floating targets, whose headings differ."""
 
 
-def places(free: Mask, shapes: tuple[tuple[int, int], ...] = SHAPES, most: int = MOST) -> list[Place]:
-    """Where targets stand: on a grid over the free water, evenly thinned."""
+def places(free: Mask, shapes: tuple[tuple[int, int], ...] = SHAPES, most: int = PORT_TARGETS) -> list[Place]:
+    """Places of up to `most` targets, taken evenly from a grid over the free water. `shapes` are used in turn."""
     largest = max(max(shape) for shape in shapes)
     step, side = 2 * APART + largest, 2 * (APART + largest) + 1
     room = cv2.erode(free.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
@@ -72,14 +72,15 @@ def places(free: Mask, shapes: tuple[tuple[int, int], ...] = SHAPES, most: int =
 
 
 def probability(scores: npt.NDArray[Any], targets: list[Place], near: Mask, km2: float) -> float:
-    """Share of the targets on which an object lies, where `RATE` false objects per km2 score higher.
+    """Share of the targets that are found before there are more than `FALSE_RATE` false objects per km2.
 
-    Objects near no target are false, except near what is labelled (`near`).
+    Objects count in the order of their scores, the highest first. A target is found if an object lies within 2 pixels
+    of it. Any other object is false, unless it lies in `near`, the surroundings of labelled ships.
     """
     number = np.zeros(scores.shape, np.int32)
     for i, (rows, columns) in enumerate(targets, start=1):
         number[max(rows.start - 2, 0) : rows.stop + 2, max(columns.start - 2, 0) : columns.stop + 2] = i
-    lowest = np.nanquantile(scores[(number == 0) & ~near], 1 - LOWEST)
+    lowest = np.nanquantile(scores[(number == 0) & ~near], 1 - SEARCHED_SHARE)
     objects = find(np.nan_to_num(scores, nan=-np.inf) > lowest, scores)
     found: set[int] = set()
     false = 0
@@ -90,13 +91,13 @@ def probability(scores: npt.NDArray[Any], targets: list[Place], near: Mask, km2:
             found |= hit
         elif not near[box][o.footprint].any():
             false += 1
-            if false > RATE * km2:
+            if false > FALSE_RATE * km2:
                 break
     return len(found) / max(len(targets), 1)
 
 
 def _scored(source: Any, scratch: Path) -> dict[str, npt.NDArray[Any]]:
-    """Scores of the default search after every removal."""
+    """Scores of the default search in the raw image and after every removal, by the removal's name."""
     out = {}
     for name, removal in REMOVALS.items():
         image = source
@@ -109,21 +110,22 @@ def _scored(source: Any, scratch: Path) -> dict[str, npt.NDArray[Any]]:
 
 
 def real(folder: Path) -> Iterator[list[str]]:
-    """One row a port and reflectance: probability of detection after every removal."""
+    """Rows of the table: for each port and reflectance, the probability of detection after every removal."""
     for name in ("athens", "klang", "cartagena"):
         port = Port.read(folder / "real" / name)
         near = grown(port.labels > 0, NEAR)
         targets = places(port.water & ~near)
-        for reflectance in REFLECTANCES:
+        bands = [folder / "real" / name / f"{b}.tiff" for b in PORT_BANDS]
+        for reflectance in TARGET_REFLECTANCES:
             with tempfile.TemporaryDirectory() as place:
                 scratch = Path(place)
-                files = [_planted(folder / "real" / name / f"{b}.tiff", scratch, targets, reflectance) for b in BANDS]
+                files = [_planted(band, scratch, targets, reflectance) for band in bands]
                 found = {k: probability(s, targets, near, port.km2) for k, s in _scored(files, scratch).items()}
             yield [name, f"{100 * reflectance:g} %", str(len(targets)), *(f"{v:.2f}" for v in found.values())]
 
 
 def _planted(source: Path, folder: Path, targets: list[Place], reflectance: float) -> Path:
-    """A copy of a band with targets in it, blurred as the sensor does."""
+    """Write a copy of a band into `folder`, with targets that are blurred as by the sensor. Return its path."""
     with rasterio.open(source) as data:
         image, profile = data.read(1), data.profile
     share = np.zeros(image.shape, np.float32)
@@ -137,19 +139,19 @@ def _planted(source: Path, folder: Path, targets: list[Place], reflectance: floa
 
 
 def simulated(folder: Path) -> Iterator[list[str]]:
-    """One row a sensor and kind of target: probability of detection after every removal."""
+    """Rows of the table: for each sensor and kind of target, the probability of detection after every removal."""
     for name in ("thesis", "worldview3"):
         sensor = preset(name)
-        free = np.ones(SIDE, np.bool_)
+        free = np.ones(SEA_SHAPE, np.bool_)
         for kind, hull in FLOATING.items():
             sides = (max(round(hull["length"] / sensor.gsd), 1),) * 2
-            targets = places(free, (sides,), FEW)
+            targets = places(free, (sides,), SEA_TARGETS)
             floating = []
             for i, (rows, columns) in enumerate(targets):
                 middle = {"right": (columns.start + sides[1] / 2) * sensor.gsd,
                           "down": (rows.start + sides[0] / 2) * sensor.gsd}  # fmt: skip
                 floating.append(FloatingTarget(**middle, heading=37.0 * i % 360, **hull))
-            setup = Setup(sensor=sensor, size=SIDE, wind=WIND, seed=11, targets=tuple(floating))
+            setup = Setup(sensor=sensor, size=SEA_SHAPE, wind=WIND, seed=11, targets=tuple(floating))
             write_scene(simulate(setup), folder / "scene", overwrite=True)
             scored = _scored(folder / "scene.tif", folder)
             near, km2 = ~free, free.size * sensor.gsd**2 / 1e6
@@ -158,7 +160,7 @@ def simulated(folder: Path) -> Iterator[list[str]]:
 
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
-    """Title, head and rows of both tables."""
+    """Name, head and rows of both tables. `directory` holds the ports, by default `DATA`."""
     head = ("", "target", "number", *REMOVALS)
     yield "pd-real", head, list(real(directory or DATA))
     with tempfile.TemporaryDirectory() as place:

@@ -1,4 +1,4 @@
-"""Processor time of RX on arrays in memory beside scikit-learn and spectral: `python -m benchmarks peers [--quick]`."""
+"""Processor time of RX in detect, scikit-learn and spectral, in memory: `python -m benchmarks peers [--quick]`."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .timing import in_turns, machine, say
 
 Float32 = npt.NDArray[np.float32]
 Window = tuple[int, int]
-WINDOW: Window = (5, 21)
-"""Inner and outer window of local RX [pixel]."""
+TIMED_WINDOW: Window = (5, 21)
+"""Sides of the inner and outer windows of local RX [pixel]."""
 
 
 def image(bands: int, side: int) -> Float32:
-    """Correlated normal bands."""
+    """A random image (band, row, column) of normally distributed, correlated bands."""
     out = np.random.default_rng(20).standard_normal((bands, side, side), np.float32)
     for i in range(1, bands):
         out[i] += np.float32(0.9) * out[i - 1]
@@ -33,7 +33,7 @@ def image(bands: int, side: int) -> Float32:
 
 
 def jobs_of(block: Float32, window: Window | None) -> dict[str, Callable[[], object]]:
-    """Global RX, or local RX in a window, by every program that has it, each with the array in the order it likes."""
+    """Functions of no argument that compute global RX, or local RX if there is a window, by the program's name."""
     cube = np.ascontiguousarray(block.transpose(1, 2, 0))
     jobs: dict[str, Callable[[], object]] = {}
     if window is None:
@@ -51,8 +51,8 @@ def jobs_of(block: Float32, window: Window | None) -> dict[str, Callable[[], obj
 
 
 def rows(quick: bool) -> list[list[str]]:
-    """One row for each program and array: time, and ratio to the time of detect in the same round."""
-    tasks = (None, 8, 512 if quick else 2048), (None, 64, 128 if quick else 512), (WINDOW, 8, 40 if quick else 96)
+    """Rows of the table, one for each array and program: processor time, and its ratio to that of detect."""
+    tasks = (None, 8, 512 if quick else 2048), (None, 64, 128 if quick else 512), (TIMED_WINDOW, 8, 40 if quick else 96)
     out = []
     with threadpool_limits(1):
         for window, bands, side in tasks:
@@ -66,10 +66,10 @@ def rows(quick: bool) -> list[list[str]]:
 
 
 HEAD = ("", "program", "processor time [ns per value]", "times detect")
-NOTE = "float32 in memory, one thread, fit and score, median of 3 rounds in turns."
+RX_NOTE = "float32 in memory, one thread, fit and score, median of 3 rounds in turns."
 
 
 def main(quick: bool) -> None:
     """Print the table."""
     print("## Peers\n\n" + machine())
-    say("RX beside other programs", HEAD, rows(quick), NOTE)
+    say("RX beside other programs", HEAD, rows(quick), RX_NOTE)

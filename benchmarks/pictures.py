@@ -1,7 +1,7 @@
 """The pictures of simulated scenes in the README and in docs/: `python -m benchmarks pictures [--directory FOLDER]`.
 
-All have one stretch, in natural colours; below each image stands its error. Scenes lie beside the project, but for
-its samples and those simulated here; those that are not there are left out.
+Images are in natural colours, and all images of a picture have the same contrast stretch. Their errors are written
+below them. Scenes are samples of the project, are simulated here, or lie beside the project; missing ones are left out.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ Picture = npt.NDArray[np.uint8]
 
 SAMPLES = ROOT / "sample_data"
 RGB = (660.0, 555.0, 480.0)
-"""Wavelengths that are shown as red, green and blue [nm]."""
+"""Wavelengths of the bands that are shown as red, green and blue [nm]."""
 BAR = 30
-"""Height of the line of text [pixel]."""
-RATE = 1e-4
+"""Height of the line of text below an image [pixel]."""
+MARKED_PFA = 1e-4
 """Requested false-alarm rate of the anomalies that are marked, per pixel."""
-MARK = (255, 210, 0)
-"""Colour of their circles."""
+MARK_COLOUR = (255, 210, 0)
+"""Colour (red, green, blue) of the circles around these anomalies."""
 
-SIDE = 140
-"""Of the part that is shown, drawn twice as large [pixel]: four of them stay below 250 kB."""
+VIEW_SIDE = 140
+"""Side of the shown part of a scene, before it is drawn twice as large [pixel]: four parts take less than 250 kB."""
 HEDLEY = Recipe(method="hedley", compensate="off")
 SUBTRACT = Recipe(method="nir-subtraction", compensate="off")
 OPENING = Recipe(compensate="psf:2, identify-level:13, targets, replace-level, remove")
@@ -53,9 +53,9 @@ OPENING = Recipe(compensate="psf:2, identify-level:13, targets, replace-level, r
 
 @dataclass(frozen=True)
 class View:
-    """A scene, and the upper left corner of what is shown [pixel].
+    """A scene, and the upper left corner of the part that is shown [pixel]; `name` is that of the picture's file.
 
-    The error of another recipe is printed, too, where the text compares it.
+    If there is a recipe `remedy`, its error is printed, too.
     """
 
     path: Path
@@ -76,12 +76,12 @@ VIEWS = (
 
 
 def drawn(view: View, target: Path) -> None:
-    """Write the picture of a scene, and print the errors and what was chosen."""
+    """Write the picture of a view to `target`; print the errors, and the method and chain that were chosen."""
     known, scene = Known.of(view.path), open_scene(view.path)
     images = {"raw": scene.read().astype(float), "truth": known.truth}
     images["--method hedley"] = deglinted(view.path, HEDLEY)[0]
     images["deglint remove"], fitted = deglinted(view.path)
-    part = slice(None), slice(view.row, view.row + SIDE), slice(view.column, view.column + SIDE)
+    part = slice(None), slice(view.row, view.row + VIEW_SIDE), slice(view.column, view.column + VIEW_SIDE)
     panels = stretched({name: image[part] for name, image in images.items()}, scene)
     errors = {name: known.error(image) for name, image in images.items() if name != "truth"}
     titles = [f"{name}: error {errors[name]:.0f} %" if name in errors else name for name in images]
@@ -94,20 +94,17 @@ def drawn(view: View, target: Path) -> None:
 
 
 def readme(out: Path) -> None:
-    """`before_after.png`; `found.png`, with the anomalies in a result; and `simulated.png`, a scene and its truth."""
+    """Write before_after.png, found.png (anomalies in a result), and simulated.png (a scene and its truth)."""
     fine, middle, coarse = (SAMPLES / f"{name}.tif" for name in ("sea_025m", "sea_1m", "sea"))
     known, scene = Known.of(fine), open_scene(fine)
-    images = {
-        "raw": values(fine),
-        "truth": values(fine.with_stem("sea_025m_truth")),
-        "deglint remove": deglinted(fine)[0],
-    }
+    truth = values(fine.with_stem("sea_025m_truth"))
+    images = {"raw": values(fine), "truth": truth, "deglint remove": deglinted(fine)[0]}
     titles = [n if n == "truth" else f"{n}: error {known.error(image):.0f} %" for n, image in images.items()]
     write(out / "before_after.png", beside(stretched(images, scene), titles))
     with tempfile.TemporaryDirectory() as place:
         result, objects = Path(place) / "clean.tif", Path(place) / "found.geojson"
         remove_glint(coarse, result)
-        detect.score_file(result, Path(place) / "scores.tif", detect.Recipe(pfa=RATE), objects=objects)
+        detect.score_file(result, Path(place) / "scores.tif", detect.Recipe(pfa=MARKED_PFA), objects=objects)
         found = [f["properties"] for f in json.loads(objects.read_text(encoding="utf-8"))["features"]]
         *_, panel = stretched({"raw": values(coarse), "clean": values(result)}, open_scene(coarse))
     write(out / "found.png", marked(panel, [(o["column"], o["row"]) for o in found]))
@@ -116,11 +113,9 @@ def readme(out: Path) -> None:
 
 
 def wiener(out: Path) -> None:
-    """Seas with round shoals under 3, 6 and 9 m of water: raw, true, by Hedley's method and by the Wiener filter."""
-    for name, wind, sun_zenith, target in (
-        ("sentinel2", 6.0, 43.0, "wiener_10m.png"),
-        ("worldview3", 8.0, 40.0, "wiener_1m.png"),
-    ):
+    """Write pictures of seas with round shoals under 3, 6 and 9 m of water: raw, truth, and two methods."""
+    seas = ("sentinel2", 6.0, 43.0, "wiener_10m.png"), ("worldview3", 8.0, 40.0, "wiener_1m.png")
+    for name, wind, sun_zenith, target in seas:
         sensor, turns = preset(name), np.linspace(0, 2 * np.pi, 24, endpoint=False)
         disc = 15 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
         shoals = []
@@ -137,17 +132,17 @@ def wiener(out: Path) -> None:
         bands = rgb(scene)
         errors = {n: rms_error(i[bands], images["truth"][bands], slice(None)) for n, i in images.items()}
         titles = [n if n == "truth" else f"{n}: {error:.1f} %" for n, error in errors.items()]
-        panels = stretched({n: i[:, :SIDE, :SIDE] for n, i in images.items()}, scene)
+        panels = stretched({n: i[:, :VIEW_SIDE, :VIEW_SIDE] for n, i in images.items()}, scene)
         write(out / target, beside(map(doubled, panels), titles))
 
 
 def rgb(scene: Scene) -> list[int]:
-    """The bands nearest to red, green and blue."""
+    """Indices of the bands nearest to red, green and blue."""
     return [int(np.argmin([abs((b.wavelength or 0.0) - w) for b in scene.bands])) for w in RGB]
 
 
 def stretched(images: dict[str, Image], scene: Scene) -> list[Picture]:
-    """Pictures in one stretch, in natural colours."""
+    """Pictures of images in natural colours, all with the same contrast stretch."""
     return natural_colour([image[rgb(scene)] for image in images.values()])
 
 
@@ -157,7 +152,7 @@ def doubled(panel: Picture) -> Picture:
 
 
 def beside(panels: Iterable[Picture], titles: list[str]) -> Picture:
-    """Pictures side by side, each with a line of text below it."""
+    """One picture of several side by side, each with its title below it."""
     parts = []
     for panel, title in zip(panels, titles, strict=True):
         bar = np.full((BAR, panel.shape[1], 3), 255, np.uint8)
@@ -168,21 +163,21 @@ def beside(panels: Iterable[Picture], titles: list[str]) -> Picture:
 
 
 def marked(panel: Picture, places: list[tuple[float, float]]) -> Picture:
-    """A picture with a circle around each place (column, row)."""
+    """A picture, twice as large, with a circle around each place (column, row)."""
     large: Any = doubled(panel)
     for column, row in places:
-        cv2.circle(large, (round(2 * column) + 1, round(2 * row) + 1), 18, MARK, 1, cv2.LINE_AA)
+        cv2.circle(large, (round(2 * column) + 1, round(2 * row) + 1), 18, MARK_COLOUR, 1, cv2.LINE_AA)
     return np.asarray(large, np.uint8)
 
 
 def write(path: Path, picture: Picture) -> None:
-    """Write a PNG and say how large it is."""
+    """Write a picture as PNG, and print the size of the file."""
     cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
 def main(directory: Path | None) -> None:
-    """Write the pictures."""
+    """Write all pictures into a folder, by default docs/."""
     logging.getLogger("deglint").setLevel(logging.ERROR)
     out = directory or ROOT / "docs"
     readme(out)

@@ -1,4 +1,4 @@
-"""How long the planner takes: the reticle, its picture, the page's answer, and the command from start to end."""
+"""How long does the planner take for a reticle, its picture, and an answer of the web page; and the whole command?"""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PLACE = ("--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T18:00Z", "--win
 
 
 def inside(rounds: int) -> dict[str, list[float]]:
-    """Times within one process after a first call [s]."""
+    """Times of the planner's functions in this process, by name [s]; a first call of each is not counted."""
     from deglint.plan import Mission, reticle
     from deglint.plan.draw import png
     from deglint.plan.picture import picture
@@ -31,7 +31,7 @@ def inside(rounds: int) -> dict[str, list[float]]:
 
 
 def commands(rounds: int) -> dict[str, list[float]]:
-    """Wall times of whole commands [s]."""
+    """Wall times of whole commands `deglint plan`, by name [s]."""
     with tempfile.TemporaryDirectory() as directory:
         start = [sys.executable, "-m", "deglint", "plan", "-o", f"{directory}/plan.png", "--overwrite", "-q"]
         runs = processes_in_turns({

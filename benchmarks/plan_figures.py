@@ -2,9 +2,9 @@
 
     python -m benchmarks plan_figures [--directory FOLDER]
 
-Sun at 20.5 degrees off the zenith, azimuth 270.2, wind 9 m/s at 12.5 m. The thesis gives neither the wind's
-direction nor the water and the object of these figures: here it blows from the north, chlorophyll is 0.5 mg m-3,
-and the object has a reflectance of 15 % at 10 m.
+The sun's zenith angle is 20.5 degrees, its azimuth 270.2 degrees; the wind is 9 m/s at a height of 12.5 m. The thesis
+gives neither the direction of the wind nor the water and the object. Here the wind comes from the north, chlorophyll is
+0.5 mg m-3, and the object has a reflectance of 15 % and lies at a depth of 10 m.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ THESIS = {"sun_zenith": 20.5, "sun_azimuth": 270.2, "wind": 9.0, "wind_height": 
 
 
 def panel(canvas, column, plan, values, title, *, patterns=(), high=""):
-    """One disc with its title above and its colours below; values are 0 to 1."""
+    """Draw a disc of `values` (0 to 1) with a title; with `high`, the label of 1, also a scale of colours below."""
     centre = (40 + RADIUS + column * (2 * RADIUS + 70), 76 + RADIUS)
     for k, line in enumerate(title.split("\n")):
         canvas.text((centre[0], 22 + 19 * k), line, 15, INK if k == 0 else GREY, anchor="mm")
@@ -44,7 +44,7 @@ def sheet(columns):
 
 
 def slopes_2_2():
-    """Fig. 2.2: density of slopes at 2 and 9 m/s."""
+    """Fig. 2.2: density of the slopes of waves at winds of 2 and 9 m/s."""
     side = 300
     canvas = Canvas(2 * (side + 70) + 30, side + 130)
     axis = np.linspace(-0.6, 0.6, side)
@@ -62,7 +62,7 @@ def slopes_2_2():
 
 
 def facet_sum(plan, step):
-    """The thesis' glint probability (eq. 2.24): density times cell, over the cells that mirror the true disk."""
+    """The thesis' glint probability (eq. 2.24): sum of density x area over the cells of slopes that mirror the sun."""
     sun_zenith, sun_azimuth = plan.mission.sun
     facet = glint.facet(sun_zenith, sun_azimuth, plan.zenith[:, None], plan.azimuth)
     to_sun = glint.direction(sun_zenith, sun_azimuth)
@@ -82,7 +82,7 @@ def facet_sum(plan, step):
 
 
 def glint_2_10(plan):
-    """Fig. 2.10: probability of glint, and its mask."""
+    """Fig. 2.10: probability of glint by cells of slopes and in closed form, and its mask."""
     canvas = sheet(3)
     coarse = facet_sum(plan, 0.01)
     limit = plan.glint_probability.max()
@@ -96,7 +96,7 @@ def glint_2_10(plan):
 
 
 def beside_its_mask(plan, values, title, *, pattern, mask, high, shaded=True):
-    """A layer of the blue band, 0 to 1, and its mask, over the layer or over one shade."""
+    """Draw a layer of the blue band (0 to 1), and beside it its mask over the layer, or over one shade."""
     canvas = sheet(2)
     panel(canvas, 0, plan, values, title, high=high)
     patterns = [p for p in layers(plan, "BLUE")[1] if p[1] == pattern]
@@ -116,7 +116,7 @@ def maps_2_13(full, absorbing):
 
 
 def examples():
-    """Pictures of the four kinds of plans."""
+    """Pictures of the four kinds of plans, by name."""
     bay = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0)
     found = list(plans(bay, times("2026-06-21T13:00Z", "2026-06-22T02:30Z", 90)))
     moments = [moment for moment, _ in found]

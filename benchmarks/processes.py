@@ -17,8 +17,8 @@ from .timing import ROOT
 class Run:
     """One run of a process: wall time and processor time [s], peak resident memory [MB].
 
-    `read` and `written` count the bytes of calls to the system, whether or not the disk had to move for them; 0 where
-    the system does not count them.
+    `read` and `written` are the bytes of calls to the system, whether or not they reach the disk; 0 on systems that
+    do not count them.
     """
 
     wall: float
@@ -29,14 +29,12 @@ class Run:
 
 
 def in_turns(
-    commands: Mapping[str, Sequence[str]],
-    rounds: int,
-    cleanup: Sequence[str] = (),
+    commands: Mapping[str, Sequence[str]], rounds: int, cleanup: Sequence[str] = ()
 ) -> dict[str, list[Run] | str]:
-    """Run every command once a round, so that all commands see the same machine.
+    """Run every command once in each round, so that the load of the machine is similar for all commands.
 
-    Files that fit the patterns of `cleanup` are removed after every run, outside the measured time. Gives runs by name;
-    for a command that failed, the last line that it wrote.
+    Files that match the patterns of `cleanup` are removed after every run, outside the measured time. Returns the runs
+    by the command's name; for a command that failed, a line that says why.
     """
     job = {"commands": {k: list(v) for k, v in commands.items()}, "rounds": rounds, "cleanup": list(cleanup)}
     path = os.pathsep.join([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]).rstrip(os.pathsep)

@@ -1,7 +1,8 @@
-"""Speed of whole tiles with and without compensation, beside reading the array; and of `deglint remove` on a file.
+"""Speed of the correction of tiles and of the command `deglint remove`.
 
-Tiles are taken from an array in memory, or read from a file in the page cache, and corrected, halo and all; nothing is
-written. Commands are whole processes, beside a copy of the file's blocks. Everything in turns.
+Tiles with their halos come from an array in memory or from a file in the page cache. They are corrected with and
+without compensation, and are not written; the time is compared with that of reading the array. Commands are whole
+processes and are compared with a copy of the file's blocks. All are measured in turns.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ from .timing import in_turns as jobs_in_turns
 from .timing import machine, say
 
 BLOCK = 512
-"""Side of a file's blocks [pixel]."""
+"""Side of the blocks of files [pixel]."""
 
 
 def base(place: Path, side: int, wind: float = 9.0, delay: float = 0.06) -> Path:
-    """A simulated sea of the thesis' sensor, bands so far apart [s], as counts."""
+    """Simulate a square sea for the thesis' sensor, with `delay` between bands [s]. Return its file of counts."""
     setup = Setup(sensor=preset("thesis").delayed(delay), size=(side, side), wind=wind, patch=0.06, sky="cardioidal",
                   seed=3)  # fmt: skip
     write_scene(simulate(setup), place / f"base_{wind:g}_{delay:g}")
@@ -47,7 +48,7 @@ def base(place: Path, side: int, wind: float = 9.0, delay: float = 0.06) -> Path
 
 
 def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
-    """A square scene laid side by side to this size, as counts or in physical values."""
+    """Write a square scene repeated to `side` x `side` pixels: counts if `dtype` is "uint16", else physical values."""
     with rasterio.open(small) as given:
         counts, scales, part = given.read(), np.array(given.scales), given.height
         options = {"driver": "GTiff", "count": len(counts), "height": side, "width": side, "dtype": dtype,
@@ -69,7 +70,7 @@ def laid_out(small: Path, target: Path, side: int, dtype: str) -> Path:
 
 
 def work_of(path: Path, recipe: Recipe, *, memory: bool = False) -> tuple[Correction, list[tiling.Tile]]:
-    """A correction that is fitted to the scene, and its tiles; of the file, or of its pixels in memory."""
+    """Fit a correction to a scene. Return it with the scene's tiles; with `memory`, its pixels come from memory."""
     scene = deglint.open_scene(path)
     work = correction(scene, fit_scene(scene, recipe, threads=2))
     if memory:
@@ -80,15 +81,15 @@ def work_of(path: Path, recipe: Recipe, *, memory: bool = False) -> tuple[Correc
 
 
 def passed(work: Correction, tiles: list[tiling.Tile], threads: int) -> None:
-    """Correct every tile."""
+    """Correct every tile and drop the results."""
     for _ in tiling.run(tiles, work, threads=threads, start=enter_thread):
         pass
 
 
 def of_tiles(path: Path, others: dict[str, Path], rounds: int) -> list[list[str]]:
-    """Rows for a table: what, threads, millions of values a second, processor time a value, times the reading.
+    """Rows of the table: name, threads, million values per second, processor time per value, wall time over reading.
 
-    others : scenes of the same size that are only compensated by default
+    `others` are more scenes of the same size, by name; they are corrected only by default and in memory.
     """
     with rasterio.open(path) as given:
         values = given.read().astype(np.float32)
@@ -115,7 +116,7 @@ def of_tiles(path: Path, others: dict[str, Path], rounds: int) -> list[list[str]
 
 
 def commands(scene: Path, place: Path, rounds: int) -> list[list[str]]:
-    """Rows for a table: a copy of the blocks, and `deglint remove`, as whole processes."""
+    """Rows of the table of commands: a copy of the file's blocks, and `deglint remove`."""
     out, python = str(place / "out.tif"), sys.executable
     found = in_turns({
         "block copy": [python, "-m", "benchmarks.floor", str(scene), out],
@@ -139,7 +140,7 @@ def _spread(values: list[float]) -> str:
 
 
 def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
-    """Measure and print."""
+    """Print the tables of tiles and of commands. `directory` is for scratch files."""
     rounds = rounds or (2 if quick else 5)
     print("## Rates\n\n" + machine())
     with tempfile.TemporaryDirectory(dir=directory) as name, environment(), tiling.one_thread_each():

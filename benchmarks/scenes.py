@@ -1,7 +1,7 @@
-"""Simulated scenes with truth, recorded beside the project or made here, and the error of an image of them.
+"""Simulated scenes whose truth is known, and the errors of images after removal.
 
-A recorded scene is NAME.tif with NAME_truth.tif, and NAME_mask.tif (band 2: pixels that count; tag `level`: water in
-each band) where not all pixels count. Recorded scenes are no part of the project; without them only the own are used.
+Recorded scenes lie beside the project and are no part of it: NAME.tif, NAME_truth.tif and, if not all pixels count,
+NAME_mask.tif (band 2: pixels that count; tag `level`: water level of each band). Own scenes are simulated here.
 """
 
 from __future__ import annotations
@@ -29,33 +29,33 @@ from deglint.simulate.cover import FOAM
 from .files import DATA, values
 
 Array = npt.NDArray[np.floating[Any]]
-SIDE = 384
-"""Of own scenes [pixel]; the left half is deep water without objects."""
-REFLECTANCES, WIDTH = (0.02, 0.05, 0.10, 0.20), 4.0
-"""Of the objects at 5 m depth on the right, a column each, and how wide they are [m]."""
+SCENE_SIDE = 384
+"""Side of own scenes [pixel]; their left half is deep water without objects."""
+OBJECT_REFLECTANCES, OBJECT_WIDTH = (0.02, 0.05, 0.10, 0.20), 4.0
+"""Reflectance of the objects in each column of the right half, at a depth of 5 m; and their width [m]."""
 VISIBLE = 690.0
-"""Wavelength up to which bands are judged [nm]; all but the last where wavelengths are not known."""
+"""Errors are those of bands of shorter wavelengths [nm], or of all but the last if wavelengths are unknown."""
 
 
 def outline(kind: str, right: float, down: float) -> tuple[tuple[float, float], ...]:
-    """Corners of a square or disc 4 m wide, or of a diamond with the area of such a square [m]."""
+    """Corners of a square or disc 4 m wide, or of a diamond of the square's area, around (right, down) [m]."""
     turn = np.linspace(0, 2 * np.pi, 48 if kind == "disc" else 4, endpoint=False) + np.pi / 4 * (kind == "square")
-    radius = WIDTH / 2 * (1 if kind == "disc" else np.sqrt(2))
+    radius = OBJECT_WIDTH / 2 * (1 if kind == "disc" else np.sqrt(2))
     return tuple((right + radius * float(np.cos(t)), down + radius * float(np.sin(t))) for t in turn)
 
 
 def objects(*kinds: str, gsd: float = 0.25) -> tuple[SubmergedObject, ...]:
-    """Four columns of objects, one a reflectance, in the right half; of several kinds, row by row."""
-    across, down = SIDE / 2 / len(REFLECTANCES), 64
-    places = [(kinds[i % len(kinds)], SIDE / 2 + (j + 0.5) * across, (i + 0.5) * down, r)
-              for i in range(SIDE // down) for j, r in enumerate(REFLECTANCES)]  # fmt: skip
+    """Objects in four columns of the right half. Each column has one reflectance, and kinds take turns by rows."""
+    across, down = SCENE_SIDE / 2 / len(OBJECT_REFLECTANCES), 64
+    places = [(kinds[i % len(kinds)], SCENE_SIDE / 2 + (j + 0.5) * across, (i + 0.5) * down, r)
+              for i in range(SCENE_SIDE // down) for j, r in enumerate(OBJECT_REFLECTANCES)]  # fmt: skip
     return tuple(SubmergedObject(corners=outline(k, x * gsd, y * gsd), reflectance=r, depth=5.0)
                  for k, x, y, r in places)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene to simulate; `delay` between neighbouring bands [s], None for those of the sensor itself."""
+    """A scene to simulate. `delay` is the time between neighbouring bands [s]; with None, the sensor's own."""
 
     wind: float
     delay: float | None = 0.06
@@ -68,19 +68,19 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Name of the files of the scene, without suffix."""
+        """Name of the files of the scene, without their suffixes."""
         delay = "wv3" if self.delay is None else f"{1000 * self.delay:.0f}ms"
         more = f"_{self.resampling}" * bool(self.resampling) + "_f30" * self.sensor.endswith("f30")
         return f"p{100 * self.gsd:03.0f}_w{self.wind:g}_{delay}{more}_seed{self.seed}"
 
     @property
     def setup(self) -> Setup:
-        """Setup of the simulation."""
+        """Parameters of the simulation."""
         sensor = replace(preset(self.sensor), gsd=self.gsd)
         sensor = sensor if self.delay is None else sensor.delayed(self.delay)
         there, artefacts = objects(*self.kinds, gsd=self.gsd), Artefacts(resampling=self.resampling)
-        return Setup(sensor=sensor, size=(SIDE, SIDE), wind=self.wind, patch=self.patch, seed=self.seed, objects=there,
-                     artefacts=artefacts)  # fmt: skip
+        return Setup(sensor=sensor, size=(SCENE_SIDE, SCENE_SIDE), wind=self.wind, patch=self.patch, seed=self.seed,
+                     objects=there, artefacts=artefacts)  # fmt: skip
 
     def written(self, folder: Path) -> Path:
         """Simulate the scene, write it to a folder, and return its image file."""
@@ -94,19 +94,19 @@ OWN = (
     Case(12, 0.02, seed=9105), Case(9, None, 0.5, 9107, "worldview3"), Case(12, None, 1.24, 9110, "worldview3"),
     Case(8, 0.06, seed=9111, sensor="thesis-f30"), Case(8, 0.06, seed=9112, resampling="cubic"),
 )  # fmt: skip
-"""Scenes of seeds that no constant was set on; the first are the quick ones."""
-QUICK = {
+"""Own scenes. No constant was set on their seeds. With `--quick`, only the first three are used."""
+QUICK_SCENES = {
     "simulated": ("wind05_delay60", "wind09_delay60"),
     "wide": ("p124_w9_wv3", "f30_w12_0ms", "shallow_texture_w7_0ms", "resampled_cubic_w9_60ms", "discs_w9_60ms"),
 }
-
+"""Recorded scenes of each folder that are used with `--quick`."""
 WITHOUT_FOAM = 1.1  # largest NIR of water without foam, over the level of the water: foam in 0.1 % of a pixel adds more
 FOAM_BESIDE = 3  # side of the square around a pixel without foam [pixel]: bands are misregistered by less than a pixel
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A scene's file, its truth, the water's level in each band, pixels that count and bands that are judged."""
+    """A scene's file, its truth, the water level of each band, and the pixels and bands whose errors count."""
 
     path: Path
     truth: Array
@@ -116,7 +116,7 @@ class Known:
 
     @classmethod
     def of(cls, path: Path) -> Known:
-        """With what lies beside the file."""
+        """Read the truth of a scene, and its mask and cover if there are any, from the files beside it."""
         bands = open_scene(path).bands
         truth = values(path.with_name(f"{path.stem}_truth.tif"))
         level, counts = np.median(truth, axis=(1, 2)), np.ones(truth.shape[1:], np.bool_)
@@ -134,21 +134,21 @@ class Known:
         return cls(path, truth, level, counts, visible or tuple(range(len(bands) - 1)))
 
     def error(self, image: Array) -> float:
-        """Root mean square error of the visible bands [% of the water's level]."""
+        """Root mean square error of an image in the pixels and bands that count [% of the water level]."""
         parts = [np.nanmean(((image[b] - self.truth[b]) / self.level[b])[self.counts] ** 2) for b in self.visible]
         return 100 * float(np.sqrt(np.mean(parts)))
 
 
 def deglinted(path: Path, recipe: Recipe | None = None) -> tuple[Array, Fitted]:
-    """The scene without glint, as physical values, and what was fitted."""
+    """Remove the glint of a file, by default or by a recipe. Return the physical values, and what was fitted."""
     scene = open_scene(path)
     fitted = fit_scene(scene, recipe)
     return correct(scene, fitted).astype(np.float64), fitted
 
 
 def scenes(quick: bool, say: Callable[[str], None] = print) -> Iterator[tuple[str, Known]]:
-    """Group and scene: those beside the project, and the own, whose files are there until the last is done."""
-    for group, few in QUICK.items():
+    """Group and scene, of the recorded and then of the own scenes, whose files are deleted after the last one."""
+    for group, few in QUICK_SCENES.items():
         stems = [p.name.removesuffix("_truth.tif") for p in sorted((DATA / group).glob("*_truth.tif"))]
         if not stems:
             say(f"\nSkipped: the scenes of {group}/ do not lie beside the project.")

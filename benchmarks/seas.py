@@ -1,7 +1,7 @@
-"""A synthetic sea with glint of any size, to measure time on.
+"""Write a synthetic sea of any size with glint, for the measurement of times.
 
-Eight bands named and tagged as those of WorldView-3: open water with a slow change of colour, swell, sparkle and noise,
-and a coast along one edge. `deglint simulate` makes scenes to measure errors on.
+It has eight bands with the names and tags of WorldView-3, open water with a slow change of colour, swell, sparkle and
+noise, and a coast along one edge. Errors are measured on the more realistic scenes of `deglint simulate`.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ Float32 = npt.NDArray[np.float32]
 
 NAMES = ("COASTAL", "BLUE", "GREEN", "YELLOW", "RED", "REDEDGE", "NIR1", "NIR2")
 WAVELENGTHS = (425, 480, 545, 605, 660, 725, 832, 950)
-"""Centres [nm]."""
+"""Centres of the bands [nm]."""
 WATER = np.array([0.045, 0.040, 0.030, 0.018, 0.012, 0.008, 0.005, 0.004], np.float32)
 LAND = np.array([0.05, 0.06, 0.09, 0.11, 0.13, 0.22, 0.30, 0.31], np.float32)
 GLINT = np.array([1.00, 1.00, 0.99, 0.97, 0.96, 0.95, 0.94, 0.92], np.float32)
 NOISE = 0.0004
 SCALE = 1e-4
-"""Reflectance of a count."""
-TILE = 512
+"""Reflectance of one count."""
+WRITTEN_TILE = 512
 COAST = 0.04
-"""Share of the width that is land."""
+"""Share of the scene's width that is land."""
 
 
 def tile(row: int, column: int, side: int, shape: tuple[int, int]) -> Float32:
-    """Reflectance (band, row, column) of one tile of a scene of side x side pixels."""
+    """Reflectance (band, row, column) of the tile of `shape` at (row, column), in a scene of side x side pixels."""
     rng = np.random.default_rng([20, side, row, column])
     y = np.arange(row, row + shape[0], dtype=np.float32)[:, None]
     x = np.arange(column, column + shape[1], dtype=np.float32)[None, :]
@@ -59,8 +59,8 @@ def write_sea(path: Path, side: int) -> None:
         for band, (name, wavelength) in enumerate(zip(NAMES, WAVELENGTHS, strict=True), start=1):
             out.set_band_description(band, name)
             out.update_tags(band, wavelength=f"{wavelength:g}", wavelength_units="nm")
-        for row in range(0, side, TILE):
-            for column in range(0, side, TILE):
-                shape = min(TILE, side - row), min(TILE, side - column)
+        for row in range(0, side, WRITTEN_TILE):
+            for column in range(0, side, WRITTEN_TILE):
+                shape = min(WRITTEN_TILE, side - row), min(WRITTEN_TILE, side - column)
                 counts = np.clip(np.rint(tile(row, column, side, shape) / SCALE), 0, 65535).astype(np.uint16)
                 out.write(counts, window=Window(column, row, shape[1], shape[0]))

@@ -1,8 +1,8 @@
 """Ships found in real ports, with and without deglinting; a table of `python -m benchmarks detection`.
 
-Its DIRECTORY (by default beside the project) holds real/PORT/B02.tiff ... B08.tiff with ships.tif (hand-drawn numbers)
-and water.tif (1 = sea). A ship counts where six tenths of the ring 5 to 15 pixels off it are sea. It is found where an
-object lies within 2 pixels. An object in the sea that is near no label is false; some of these are unlabelled boats.
+Its DIRECTORY (by default beside the project) holds real/PORT/B02.tiff ... B08.tiff with ships.tif (hand-drawn, numbers
+of ships) and water.tif (1 = sea). A ship counts if over 60 % of the ring 5 to 15 pixels from it is sea. It is found if
+an object lies within 2 pixels of it. An object in the sea farther from all labels is false; some are unlabelled boats.
 """
 
 from __future__ import annotations
@@ -35,29 +35,29 @@ from .files import DATA, plane
 
 Mask = npt.NDArray[np.bool_]
 PORTS = ("gdynia", "athens", "klang", "cartagena")
-BANDS = ("B02", "B03", "B04", "B08")
-RATES = (0.1, 1.0)
+PORT_BANDS = ("B02", "B03", "B04", "B08")
+FALSE_PER_KM2 = (0.1, 1.0)
 """False objects per km2 at which ships are counted."""
 REMOVALS = {"raw": None, "hedley": Recipe(method="hedley", compensate="off"), "default": Recipe()}
-WINDOW = {"inner": 15, "outer": 31}
-LOWEST = 3e-3
-"""Share of the water whose scores are looked at for objects."""
+LOCAL_WINDOW = {"inner": 15, "outer": 31}
+SEARCHED_WATER = 3e-3
+"""Share of the water's pixels, those of the highest scores, in which objects are searched."""
 
 
 @dataclass(frozen=True, eq=False)
 class Port:
-    """Labels of a port, and where an object counts."""
+    """A port: its labelled ships and its water."""
 
     name: str
-    labels: npt.NDArray[np.int64]
-    water: Mask
-    searched: Mask
-    near: dict[int, Mask]
-    km2: float
+    labels: npt.NDArray[np.int64]  # number of the ship in each pixel, or 0
+    water: Mask  # the hand-drawn sea
+    searched: Mask  # this sea, and its holes that a ship could fill: objects count there
+    near: dict[int, Mask]  # the pixels up to 2 pixels from each ship that counts
+    km2: float  # area of `searched`
 
     @classmethod
     def read(cls, folder: Path) -> Port:
-        """Read a port's labels."""
+        """Read the labels and the water of a port from its folder."""
         with rasterio.open(folder / "ships.tif") as data:
             labels = data.read(1).astype(np.int64)
             area = ground_area(data.transform, data.crs, *labels.shape) or np.nan
@@ -74,8 +74,8 @@ class Port:
         return cls(folder.name, labels, water, searched, near, float(searched.sum() * area / 1e6))
 
     def found(self, objects: list[tuple[float, Mask, tuple[slice, slice]]]) -> list[int]:
-        """Ships found at each of `RATES`, from (score, footprint, box) of every object."""
-        labelled, best = grown(self.labels > 0, 5), [0] * len(RATES)
+        """Number of ships found at each of `FALSE_PER_KM2`, given the score, footprint and box of every object."""
+        labelled, best = grown(self.labels > 0, 5), [0] * len(FALSE_PER_KM2)
         seen: set[int] = set()
         false = 0
         for _score, footprint, box in sorted(objects, key=lambda o: -o[0]):
@@ -83,12 +83,12 @@ class Port:
                 seen |= {n for n, mask in self.near.items() if (mask[box] & footprint).any()}
             elif (self.searched[box] & footprint).any():
                 false += 1
-            best = [max(b, len(seen)) if false / self.km2 <= r else b for b, r in zip(best, RATES, strict=True)]
+            best = [max(b, len(seen)) if false / self.km2 <= r else b for b, r in zip(best, FALSE_PER_KM2, strict=True)]
         return best
 
 
 def peer(image: npt.NDArray[Any], where: Mask) -> npt.NDArray[np.float64]:
-    """Global RX of the package spectral, with statistics of the same pixels."""
+    """Global RX scores by the package spectral, with the mean and covariance of the pixels in `where`."""
     import spectral
 
     pixels = image[:, where].T[None]
@@ -100,14 +100,14 @@ ORFEO = shutil.which("otbcli_LocalRxDetection")
 
 
 def orfeo(image: npt.NDArray[Any], _where: Mask) -> npt.NDArray[np.float32]:
-    """Local RX of the Orfeo Toolbox in the same window. It takes no mask: land within the window is background."""
+    """Local RX scores by the Orfeo Toolbox, in the same window. It takes no mask: land in the window is background."""
     with tempfile.TemporaryDirectory() as scratch:
         source, out = Path(scratch) / "image.tif", Path(scratch) / "scores.tif"
         values = np.nan_to_num(image.astype(np.float32))
         profile = dict(zip(("count", "height", "width"), values.shape, strict=True))
         with rasterio.open(source, "w", driver="GTiff", dtype="float32", **profile) as data:
             data.write(values)
-        radii = ["-ir", str(WINDOW["inner"] // 2), "-er", str(WINDOW["outer"] // 2)]
+        radii = ["-ir", str(LOCAL_WINDOW["inner"] // 2), "-er", str(LOCAL_WINDOW["outer"] // 2)]
         command = [str(ORFEO), "-in", str(source), "-out", str(out), "float", *radii]
         subprocess.run(command, check=True, capture_output=True)
         return plane(out)
@@ -115,23 +115,23 @@ def orfeo(image: npt.NDArray[Any], _where: Mask) -> npt.NDArray[np.float32]:
 
 DETECTORS = {
     "global": lambda image, where: rx(image, mask=where),
-    "local 15,31": lambda image, where: local_rx(image, mask=where, **WINDOW),
+    "local 15,31": lambda image, where: local_rx(image, mask=where, **LOCAL_WINDOW),
     "spectral, global": peer,
 } | ({"OTB, local 15,31": orfeo} if ORFEO else {})
-"""What is compared with `rxdetect score`, all on the same sea."""
+"""Detectors that are compared with `rxdetect score`, all on the same sea."""
 
 
 def others(port: Port, image: npt.NDArray[Any], detector: Any) -> list[int]:
-    """Ships found by a detector on the hand-drawn sea, holes that a ship could fill included."""
+    """Numbers of ships that a detector finds in the hand-drawn sea and in those holes of it that a ship could fill."""
     scores = np.nan_to_num(np.asarray(detector(image, port.searched), np.float64), nan=-np.inf)
     scores[~port.searched] = -np.inf
-    lowest = np.quantile(scores[port.water], 1 - LOWEST)
+    lowest = np.quantile(scores[port.water], 1 - SEARCHED_WATER)
     return port.found([(o.score_max, o.footprint, np.s_[slice(*o.bounds[0]), slice(*o.bounds[1])])
                        for o in find(scores > lowest, scores)])  # fmt: skip
 
 
 def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
-    """Ships found by `rxdetect score` as it comes."""
+    """Numbers of ships that `rxdetect score --pfa 1e-3` finds; all other options have their defaults."""
     marked = scratch / "found.geojson"
     score_file(source, scratch / "scores.tif", Search(pfa=1e-3), objects=marked, overwrite=True)
     objects = []
@@ -144,7 +144,7 @@ def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
 
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:
-    """Name, head and rows: ships found by every detector, raw and after two removals, at each of `RATES`."""
+    """Name, head and rows of the table: ships found by every detector, in the raw image and after two removals."""
     folder = (directory or DATA) / "real"
     if not (folder / PORTS[0] / "ships.tif").exists():
         raise SystemExit("detection: --directory names the folder that holds real/gdynia/ships.tif and the like.")
@@ -155,7 +155,7 @@ def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[
     for removal, recipe in REMOVALS.items():
         cells: dict[str, list[list[int]]] = {}
         for port in ports:
-            source: list[Path] | Path = [folder / port.name / f"{band}.tiff" for band in BANDS]
+            source: list[Path] | Path = [folder / port.name / f"{band}.tiff" for band in PORT_BANDS]
             with tempfile.TemporaryDirectory() as place:
                 scratch = Path(place)
                 if recipe is not None:

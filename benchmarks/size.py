@@ -1,6 +1,6 @@
-"""Lines of Python in each room of the product against the goals, and modules and functions that are too large.
+"""Lines of Python in each room (group of packages) and its limit, and modules and functions that are too large.
 
-`python -m benchmarks size`. Lines are counted as `wc -l` counts them: blank lines and comments count.
+Run it by `python -m benchmarks size`. Lines are counted as by `wc -l`: blank lines and comments count.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from .timing import ROOT, say
 
 MODULE, FUNCTION, PARAMETERS = 400, 60, 7
-"""Most lines of a module, lines of a function, and parameters of a function."""
+"""Most lines of a module, most lines of a function, and most parameters of a function."""
 TOTAL = 30_000
 """Most lines of deglint and detect together."""
 GOALS: dict[str, tuple[tuple[str, ...], int]] = {
@@ -32,18 +32,18 @@ GOALS: dict[str, tuple[tuple[str, ...], int]] = {
     "detect/bench": (("detect/bench",), 800),
     "benchmarks (not in the wheel)": (("benchmarks",), 4000),
 }
-"""Rooms, the modules and packages in each, and the most lines that it should have."""
+"""Rooms by name: the modules and packages in each, and the most lines that they should have together."""
 REST = "deglint, the rest"
 
 
 def modules(root: Path = ROOT) -> dict[str, str]:
-    """Text of every module of the product and of this folder, by path."""
+    """Text of every module of deglint, detect and benchmarks, by path."""
     paths = (p for folder in ("deglint", "detect", "benchmarks") for p in sorted((root / folder).rglob("*.py")))
     return {p.relative_to(root).as_posix(): p.read_text(encoding="utf-8") for p in paths}
 
 
 def room_of(path: str) -> str:
-    """The room of a module: of those that hold it, the one with the longest name of a package."""
+    """Room of a module. If several rooms hold it, that with the longest package name; if none does, `REST`."""
     own = path.removesuffix(".py")
     fits = [(len(part), room) for room, (parts, _) in GOALS.items() for part in parts
             if own == part or own.startswith(f"{part}/")]  # fmt: skip
@@ -63,7 +63,7 @@ def functions(text: str) -> Iterator[tuple[str, int, int, int]]:
 
 
 def sizes(found: dict[str, str]) -> dict[str, int]:
-    """Lines of every room."""
+    """Number of lines in every room, given the modules by path."""
     out = dict.fromkeys((*GOALS, REST), 0)
     for path, text in found.items():
         out[room_of(path)] += text.count("\n")
@@ -71,7 +71,7 @@ def sizes(found: dict[str, str]) -> dict[str, int]:
 
 
 def too_large(found: dict[str, str]) -> list[tuple[str, tuple[str, ...], list[list[str]]]]:
-    """Title, head and rows of modules and functions of the product beyond the limits, the largest first."""
+    """Title, head and rows of tables of modules and functions of deglint and detect that are too large."""
     product = {path: text for path, text in found.items() if not path.startswith("benchmarks/")}
     long = [(text.count("\n"), path) for path, text in product.items() if text.count("\n") > MODULE]
     every = [(f"{path}: {name}", *counts) for path, text in product.items() for name, *counts in functions(text)]

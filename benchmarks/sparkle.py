@@ -15,22 +15,22 @@ from deglint.physics.slopes import gaussian
 from deglint.physics.waves import Sea
 from deglint.simulate.facets import sparkle_frequencies, sparkle_share
 
-SIDE, FINE, COARSE, PIXELS = 2.0, 2048, 32, 8
+SEA_SIDE, POINTS, FACETS, SEA_PIXELS = 2.0, 2048, 32, 8  # side of the sea [m], and its points, facets and pixels
 LAGS = (0.0, 0.010, 0.060, 0.120)
 SPOT = 0.03  # standard deviation of the slopes about a fine point
 PATCHES = (0.0, 0.005, 0.01, 0.015, 0.03, 0.06)
 
 
 def glint(up, cross, wanted, variance):
-    """Density of slopes at those that glint, mean over each pixel."""
-    n = len(up) // PIXELS
+    """Glint of each pixel: mean density, over its points, at the slope `wanted`, which mirrors the sun."""
+    n = len(up) // SEA_PIXELS
     density = gaussian(up - wanted[0], cross - wanted[1], *variance)
-    return density.reshape(PIXELS, n, PIXELS, n).mean(axis=(1, 3))
+    return density.reshape(SEA_PIXELS, n, SEA_PIXELS, n).mean(axis=(1, 3))
 
 
 def resolved(sea, seed, far):
-    """Pixels of a sea resolved to 1 mm at each lag, and its variance of slopes."""
-    drawn = surface.realise(sea, shape=(FINE, FINE), spacing=SIDE / FINE, seed=seed, workers=2)
+    """Glint of a sea that is resolved to 1 mm, at each lag, and the variance of its slopes."""
+    drawn = surface.realise(sea, shape=(POINTS, POINTS), spacing=SEA_SIDE / POINTS, seed=seed, workers=2)
     variance = np.array(drawn.slope_variance) + SPOT**2
     wanted = (0.0, far * np.sqrt(variance[1]))
     packed = (drawn.packed_slopes(t, workers=2) for t in LAGS)
@@ -38,13 +38,13 @@ def resolved(sea, seed, far):
 
 
 def faceted(sea, seed, far, variance, patch, frequencies):
-    """The same with facets of 6 cm, the rest of the variance as sparkle and about each facet."""
-    drawn = surface.realise(sea, shape=(COARSE, COARSE), spacing=SIDE / COARSE, seed=seed)
+    """Glint of a sea of 6 cm facets, at each lag. Sparkle and spread within facets have the rest of the variance."""
+    drawn = surface.realise(sea, shape=(FACETS, FACETS), spacing=SEA_SIDE / FACETS, seed=seed)
     unresolved = variance - drawn.slope_variance
-    share = sparkle_share(patch, SIDE / COARSE)
+    share = sparkle_share(patch, SEA_SIDE / FACETS)
     generator = np.random.default_rng(seed)
-    tilt = generator.standard_normal((4, COARSE, COARSE)) * np.sqrt(np.repeat(share * unresolved, 2))[:, None, None]
-    frequency = generator.choice(frequencies, (COARSE, COARSE))
+    tilt = generator.standard_normal((4, FACETS, FACETS)) * np.sqrt(np.repeat(share * unresolved, 2))[:, None, None]
+    frequency = generator.choice(frequencies, (FACETS, FACETS))
     wanted, out = (0.0, far * np.sqrt(variance[1])), []
     for t in LAGS:
         packed, c, s = drawn.packed_slopes(t), np.cos(frequency * t), np.sin(frequency * t)
@@ -63,7 +63,7 @@ def main(wind, rounds):
     count = rounds or 10
     surface._check_grid = lambda *_: None  # the peak wave is left out on purpose
     sea = Sea(wind=wind)
-    frequencies = sparkle_frequencies(sea, SIDE / COARSE)
+    frequencies = sparkle_frequencies(sea, SEA_SIDE / FACETS)
     for far in (2.2, 1.0):
         print(f"\nglint at {far:g} sigma      CV     10 ms  60 ms 120 ms")
         fine = [resolved(sea, seed, far) for seed in range(count)]

@@ -15,17 +15,17 @@ from .timing import ROOT
 
 EXPONENTS = (1, 2, 6, 18)
 SHORTEST = 0.1  # wave of the seas [m]
-STEP = 0.004
-AXIS = np.arange(-1.5, 1.5, STEP) + STEP / 2
+SLOPE_STEP = 0.004
+AXIS = np.arange(-1.5, 1.5, SLOPE_STEP) + SLOPE_STEP / 2
 
 
 def divergence(p, q):
     held = (p > 1e-30) & (q > 1e-300)
-    return float((p[held] * np.log(p[held] / q[held])).sum() * STEP**2)
+    return float((p[held] * np.log(p[held] / q[held])).sum() * SLOPE_STEP**2)
 
 
 def densities(wind, convention):
-    """Measured density, and those of the seas by exponent, over (upwind, crosswind) slope."""
+    """Density of slopes (upwind, crosswind) by Cox and Munk, and those of the seas, by exponent."""
     up, cross = np.meshgrid(AXIS, AXIS, indexing="ij")
     seas = {s: Sea(wind=wind, spectrum="jonswap", spreading=convention, exponent=s) for s in EXPONENTS}
     drawn = {s: slopes.gaussian(up, cross, *slope_variance(sea, shortest=SHORTEST)) for s, sea in seas.items()}

@@ -1,4 +1,4 @@
-"""Correct digits of moments, slopes and RX scores on pixels that are hard in one way each, beside other programs.
+"""Correct digits of moments, slopes and RX scores, in deglint and other programs, on images that are hard to compute.
 
 The reference is computed in long double by two passes. On x86-64 that leaves 16 sure digits after a million additions.
 `python -m benchmarks stress`.
@@ -30,19 +30,19 @@ Block = npt.NDArray[Any]
 Wide = npt.NDArray[np.longdouble]
 WIDE = np.finfo(np.longdouble).nmant >= 63
 """Whether a long double is more than a double on this machine."""
-NIR = 3
+NIR_BAND = 3
 DTYPES = ("uint8", "int16", "uint16", "float16", "float32")
 INNER, OUTER = 3, 11
 """Windows of local RX [pixel]."""
 PLACES = np.argwhere(np.ones((12, 12), np.bool_))[::7] + OUTER // 2
-"""Pixels (row, column) whose local score is compared: spectral takes long."""
+"""Pixels (row, column) whose local scores are compared; not all, because spectral is slow."""
 CORNER = 24
-"""Side of the part of the image that local RX looks at [pixel]."""
+"""Side of the part of the image in which spectral computes local RX [pixel]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A block (band, row, column), and the bands that vary and do not follow from others: scores are theirs."""
+    """An image (band, row, column). `independent` bands vary and do not follow from others; references use these."""
 
     name: str
     block: Block
@@ -50,7 +50,7 @@ class Case:
 
     @cached_property
     def pixels(self) -> Wide:
-        """(band, pixel) of the pixels that are finite in every band."""
+        """Values (band, pixel) of the pixels that are finite in every band."""
         flat = self.block.reshape(len(self.block), -1)
         return np.asarray(flat[:, np.isfinite(flat).all(axis=0)], np.longdouble)
 
@@ -66,7 +66,7 @@ def sea(rows: int, columns: int, seed: int = 0) -> npt.NDArray[np.float64]:
 
 
 def cases() -> Iterator[Case]:
-    """All blocks, made one at a time."""
+    """All cases, made one at a time."""
     base = sea(96, 104)
     yield Case("plain", base)
     yield Case("offset 1e8", base + 1e8)
@@ -94,7 +94,7 @@ def cases() -> Iterator[Case]:
 
 
 def mean_and_covariance(x: Wide) -> tuple[Wide, Wide]:
-    """Mean (band,) and covariance (band, band) of (band, pixel)."""
+    """Mean (band,) and covariance (band, band) of values (band, pixel)."""
     mean = x.mean(axis=1)
     away = x - mean[:, None]
     left = away.mean(axis=1)
@@ -104,7 +104,7 @@ def mean_and_covariance(x: Wide) -> tuple[Wide, Wide]:
 
 
 def distances(x: Wide, sample: Wide) -> Wide:
-    """Squared Mahalanobis distances of (band, pixel) from a sample, by Cholesky."""
+    """Squared Mahalanobis distances of pixels `x`, (band, pixel), from the mean of a sample, by elimination."""
     unit = np.ldexp(np.ones(len(x), np.longdouble), np.frexp(np.abs(sample - sample[:, :1]).max(axis=1))[1])
     first = sample[:, :1].copy()  # powers of two as units and the first pixel as origin: nothing is rounded
     mean, matrix = mean_and_covariance((sample - first) / unit[:, None])
@@ -119,7 +119,7 @@ def distances(x: Wide, sample: Wide) -> Wide:
 
 
 def rx_scores(case: Case) -> Wide:
-    """RX of every pixel; NaN where a band is not finite."""
+    """Reference RX score of every pixel; NaN where a band is not finite."""
     flat = case.block.reshape(len(case.block), -1)
     out = np.full(flat.shape[1], np.nan, np.longdouble)
     chosen = case.pixels[list(case.independent)]
@@ -128,15 +128,14 @@ def rx_scores(case: Case) -> Wide:
 
 
 def local_scores(case: Case) -> Wide:
-    """Local RX at `PLACES`, each against its ring."""
+    """Reference local RX scores at `PLACES`: each pixel is compared with the ring around it."""
     ring = np.ones((OUTER, OUTER), np.bool_)
     guard = slice(OUTER // 2 - INNER // 2, OUTER // 2 + INNER // 2 + 1)
     ring[guard, guard] = False
     found, half, bands = [], OUTER // 2, list(case.independent)
     for row, column in PLACES:
-        window = np.asarray(
-            case.block[:, row - half : row + half + 1, column - half : column + half + 1], np.longdouble
-        )
+        part = case.block[:, row - half : row + half + 1, column - half : column + half + 1]
+        window = np.asarray(part, np.longdouble)
         sample, own = window[:, ring][bands], window[bands, half, half][:, None]
         finite = np.isfinite(window).all(axis=0)
         found.append(distances(own, sample[:, finite[ring]])[0] if finite[half, half] else np.nan)
@@ -144,13 +143,13 @@ def local_scores(case: Case) -> Wide:
 
 
 def slopes(case: Case) -> Wide:
-    """Least-squares slope of every band on the NIR."""
+    """Reference slope (least squares) of every other band on the NIR."""
     _, covariance = mean_and_covariance(case.pixels / np.abs(case.pixels).max())
-    return np.asarray(covariance[:NIR, NIR] / covariance[NIR, NIR])
+    return np.asarray(covariance[:NIR_BAND, NIR_BAND] / covariance[NIR_BAND, NIR_BAND])
 
 
 def references(case: Case) -> dict[str, tuple[Wide, Wide]]:
-    """Reference of every operation, and the size that its errors are relative to."""
+    """For every operation its reference, and the values to which its errors are relative."""
     mean, covariance = mean_and_covariance(case.pixels)
     slope, scores, local = slopes(case), rx_scores(case), local_scores(case)
     least = len(case.independent)  # scores near 0 are compared with the mean score
@@ -159,7 +158,7 @@ def references(case: Case) -> dict[str, tuple[Wide, Wide]]:
 
 
 def digits(found: npt.ArrayLike, right: npt.ArrayLike, scale: npt.ArrayLike | None = None) -> float:
-    """Correct digits of the worst value: -log10 of the error relative to `scale`, 0 to 16; 0 for a wrong NaN."""
+    """Correct digits of the worst value, 0 to 16: -log10 of the error relative to `scale`; 0 for a wrong NaN."""
     found, right = np.asarray(found, np.longdouble), np.asarray(right, np.longdouble)
     if found.shape != right.shape:
         return 0.0
@@ -177,28 +176,28 @@ Jobs = dict[str, Callable[[], Any]]
 
 
 def by_deglint(case: Case) -> Jobs:
-    """The project."""
+    """Operations of deglint and detect, by name, as functions of no argument."""
     block = case.block
     physical = block if block.dtype in (np.float32, np.float64) else block.astype(np.float64)  # as readers return it
     moments = cell_moments(block, cell=64).total()
     return {
         "mean": lambda: moments.mean,
         "covariance": moments.covariance,
-        "slope": lambda: [f.slope for f in remove.fit("lyzenga", physical, nir=NIR).fits],
+        "slope": lambda: [f.slope for f in remove.fit("lyzenga", physical, nir=NIR_BAND).fits],
         "RX": lambda: score(block, detector("rx", fit(block))),
         "local RX": lambda: local_rx(block, inner=INNER, outer=OUTER)[tuple(PLACES.T)],
     }
 
 
 def by_numpy(case: Case) -> Jobs:
-    """numpy.cov and numpy.polyfit."""
+    """The same operations by numpy.cov and numpy.polyfit."""
     flat = case.block.reshape(len(case.block), -1)
     return {"mean": lambda: flat.mean(axis=1), "covariance": lambda: np.cov(flat),
-            "slope": lambda: [np.polyfit(flat[NIR], band, 1)[0] for band in flat[:NIR]]}  # fmt: skip
+            "slope": lambda: [np.polyfit(flat[NIR_BAND], band, 1)[0] for band in flat[:NIR_BAND]]}  # fmt: skip
 
 
 def by_sklearn(case: Case) -> Jobs:
-    """scikit-learn's EmpiricalCovariance and LinearRegression."""
+    """The same operations by EmpiricalCovariance and LinearRegression of scikit-learn."""
     from sklearn.covariance import EmpiricalCovariance
     from sklearn.linear_model import LinearRegression
 
@@ -211,13 +210,13 @@ def by_sklearn(case: Case) -> Jobs:
     return {
         "mean": lambda: fitted().location_,
         "covariance": lambda: fitted().covariance_ * more,
-        "slope": lambda: LinearRegression().fit(pixels[:, NIR:], pixels[:, :NIR]).coef_[:, 0],
+        "slope": lambda: LinearRegression().fit(pixels[:, NIR_BAND:], pixels[:, :NIR_BAND]).coef_[:, 0],
         "RX": lambda: (fitted().mahalanobis(pixels) / more).reshape(shape),
     }
 
 
 def by_spectral(case: Case) -> Jobs:
-    """spectral's calc_stats and rx."""
+    """The same operations by calc_stats and rx of spectral."""
     import spectral
 
     spectral.settings.show_progress = False
@@ -235,7 +234,7 @@ PROGRAMS = {"deglint": by_deglint, "numpy": by_numpy, "scikit-learn": by_sklearn
 
 
 def measure(case: Case) -> dict[str, dict[str, float | None]]:
-    """Digits by operation and program; None where a program refuses."""
+    """Correct digits by operation and program; None where a program refuses the case."""
     found: dict[str, dict[str, float | None]] = {}
     refused = (DeglintError, ValueError, TypeError, ArithmeticError, IndexError, NotImplementedError)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -254,7 +253,7 @@ def measure(case: Case) -> dict[str, dict[str, float | None]]:
 
 
 def rows() -> tuple[list[str], list[list[str]]]:
-    """Head and rows of the table: digits of every program in each cell."""
+    """Head and rows of the table. A row is a case, a column an operation; a cell has the digits of all programs."""
     body, head = [], [""]
     for case in cases():
         found = measure(case)
@@ -264,7 +263,7 @@ def rows() -> tuple[list[str], list[list[str]]]:
     return head, body
 
 
-NOTE = (
+DIGITS_NOTE = (
     "Correct digits of the worst value, -log10 of its relative error, rounded; '-': the program refuses. float64 holds "
     "16 digits. Scores of images that are not float64 are float32, which holds 7. A covariance loses as many digits as "
     "its condition number has."
@@ -273,4 +272,5 @@ NOTE = (
 
 def main() -> None:
     """Print the table."""
-    say("Correct digits", *rows(), NOTE if WIDE else NOTE + " A long double is a double here: 13 digits are sure.")
+    more = "" if WIDE else " A long double is a double here: 13 digits are sure."
+    say("Correct digits", *rows(), DIGITS_NOTE + more)

@@ -1,7 +1,8 @@
-"""Do small bright targets survive `deglint remove`? Targets put into scenes, and ships of real scenes, end to end.
+"""Do small bright targets survive `deglint remove`? Targets are put into scenes; ships of real scenes are compared.
 
-A target survives where 80 to 125 % of its contrast is left (see `benchmarks.implants`). "Raw" is the limit: there
-sparkle beside a target adds to it. `chain` is any function from a sea and a folder to its image in digital numbers.
+A target survives if it keeps 80 to 125 % of its contrast (see `benchmarks.implants`). Rows "raw" show what is possible:
+without removal, too, sparkle changes the contrast. A parameter `chain` is a function that removes the glint of a sea;
+it gets the sea and a folder, and returns the image in digital numbers.
 """
 
 from __future__ import annotations
@@ -18,24 +19,24 @@ from deglint.physics.presets import preset
 
 from .error import whole_and_deep
 from .files import DATA, values
-from .implants import COLOURS, SIZES, STEP, Array, Sea, contrast, implant, scale, shared, simulated, survive, write
+from .implants import COLOURS, GRID_STEP, SIZES, Array, Sea, contrast, implant, scale, shared, simulated, survive, write
 from .timing import machine, say
 
 Chain = Callable[[Sea, Path], Array]
 
 BESIDE = 0.02
-"""Of the water's radiance, that a target may add where none is."""
+"""A pixel is beside the targets if they change its radiance by less than this share of the water's."""
 
 
 def deglinted(sea: Sea, place: Path) -> Array:
-    """What `deglint remove` makes of a scene, in digital numbers."""
+    """Remove the glint of a scene by default, with files in folder `place`. Return the image in digital numbers."""
     write(sea, place / "in.tif")
     remove_glint(place / "in.tif", place / "out.tif", overwrite=True)
     return values(place / "out.tif") / scale(sea.sensor)
 
 
 def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:
-    """Scenes of a kind: name, and the seas."""
+    """Name and seas of each group of scenes: recorded ones, and simulated ones by sensor, patch and wind."""
     if (DATA / "simulated").exists():
         for name in ("wind05_delay60", "wind09_delay60"):
             yield name, [shared(name)]
@@ -47,7 +48,7 @@ def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:
 
 
 def errors(image: Array, truth: Array, without: Array | None = None) -> Array:
-    """Of deep water and of the whole crop [%]; only where no target is, where the truth without them is given."""
+    """Errors of deep water and whole image [%]; given the truth `without` targets, their pixels count as right."""
     if without is not None:
         beside = np.abs(truth - without) < BESIDE * np.median(truth, axis=(1, 2), keepdims=True)
         image = np.where(beside, image, truth)
@@ -55,7 +56,7 @@ def errors(image: Array, truth: Array, without: Array | None = None) -> Array:
 
 
 def survivors(place: Path, quick: bool, chain: Chain = deglinted) -> None:
-    """Error without and with targets, and share of targets that survive."""
+    """Print the errors without and with targets, and the share of targets that survive, by colour and size."""
     kinds = [(c, s) for c in COLOURS for s in SIZES]
     table, rows = [], []
     for name, seas in groups(place, quick):
@@ -70,9 +71,8 @@ def survivors(place: Path, quick: bool, chain: Chain = deglinted) -> None:
                     shares = contrast(image, sea.truth, there.truth, targets, sea.sensor)
                     for t, share in zip(targets, shares, strict=True):
                         left[label][t.colour, t.size > 1].append(share)
-        table.append(
-            [name, *("{:.2f} / {:.2f}".format(*np.mean(found[k], axis=0)) for k in ("alone", "raw", "deglint remove"))]
-        )
+        means = [np.mean(found[k], axis=0) for k in ("alone", "raw", "deglint remove")]
+        table.append([name, *("{:.2f} / {:.2f}".format(*pair) for pair in means)])
         for label, shares in left.items():
             cells = [[survive(np.array(shares[c, larger])) for larger in (True, False)] for c in COLOURS]
             rows.append([name, label, *("{:.2f} / {:.2f}".format(*cell) for cell in cells)])
@@ -83,11 +83,11 @@ def survivors(place: Path, quick: bool, chain: Chain = deglinted) -> None:
 
 
 def moving(place: Path, quick: bool, chain: Chain = deglinted) -> None:
-    """Targets that move while the bands are taken one after the other."""
+    """Print the share of targets that survive if they move while the bands are taken one after the other."""
     rows, kinds = [], [("white 30 %", 2), ("white 30 %", 3), ("white 30 %", 5)]
     for name, seas in groups(place, True):
         for speed in (0.5, 1.0, 2.0) if quick else (0.25, 0.5, 1.0, 2.0, 4.0):
-            there, targets = implant(seas[0], kinds, 1, speed, 2 * STEP)
+            there, targets = implant(seas[0], kinds, 1, speed, 2 * GRID_STEP)
             shares = contrast(chain(there, place), seas[0].truth, there.truth, targets, seas[0].sensor)
             by_size = [[x for t, x in zip(targets, shares, strict=True) if t.size == s] for s in (2, 3, 5)]
             rows.append([name, f"{speed:g}", *(f"{survive(np.array(x)):.2f}" for x in by_size)])
@@ -95,7 +95,7 @@ def moving(place: Path, quick: bool, chain: Chain = deglinted) -> None:
 
 
 def main(quick: bool) -> None:
-    """Measure and print."""
+    """Print the tables of simulated targets, and of ships and targets in real scenes."""
     from .harbours import ships, targets
 
     print("## Small targets\n\n" + machine())

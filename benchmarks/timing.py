@@ -11,15 +11,15 @@ from detect.bench.numbers import load_now, versions
 from detect.bench.numbers import machine as machine_now
 
 ROOT = Path(__file__).resolve().parents[1]
-"""Where the packages lie. Children find them there, whatever else is installed."""
-MARK = "<!-- measured -->"
-"""Stands before and after each part of a page that a benchmark writes."""
+"""Folder of the packages. Child processes import them from there, whatever else is installed."""
+PART_MARK = "<!-- measured -->"
+"""Text before and after each part of a page that a benchmark writes."""
 
 
 def in_turns(
     jobs: Mapping[Any, Callable[[], object]], rounds: int, clock: Callable[[], Any] = time.perf_counter
 ) -> dict[Any, list[Any]]:
-    """Time [s] of each job by a clock, run in turns; the first round compiles and does not count."""
+    """Times of each job by a clock [s]. Jobs run in turns; one more round at the start compiles and does not count."""
     found: dict[Any, list[Any]] = {name: [] for name in jobs}
     for turn in range(rounds + 1):
         for name, job in jobs.items():
@@ -31,7 +31,7 @@ def in_turns(
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A markdown table, columns lined up."""
+    """A markdown table with aligned columns."""
     cells = [list(head), *([str(c) for c in row] for row in rows)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
     lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in cells]
@@ -40,24 +40,24 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def say(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> None:
-    """Print a titled table."""
+    """Print a table with a title and, if there is one, a note above it."""
     print(f"\n### {title}\n" + (f"\n{note}\n" if note else "") + f"\n{table(head, rows)}", flush=True)
 
 
 def fill(page: Path, texts: Sequence[str]) -> None:
-    """Replace the measured parts of a page, in order.
+    """Replace the measured parts of a page by texts, in order.
 
-    Raises ValueError: the page has another number of such parts.
+    Raises ValueError: the page has fewer or more such parts than there are texts.
     """
-    parts = page.read_text(encoding="utf-8").split(MARK)
+    parts = page.read_text(encoding="utf-8").split(PART_MARK)
     if len(parts) != 2 * len(texts) + 1:
-        raise ValueError(f"{page.name} needs {MARK} before and after each of {len(texts)} parts.")
+        raise ValueError(f"{page.name} needs {PART_MARK} before and after each of {len(texts)} parts.")
     parts[1::2] = [f"\n\n{text}\n\n" for text in texts]
-    page.write_text(MARK.join(parts), encoding="utf-8")
+    page.write_text(PART_MARK.join(parts), encoding="utf-8")
 
 
 def machine() -> str:
-    """What was measured on, and with which versions, as text."""
+    """The machine, its load, and the versions of packages, as text."""
     now, load = machine_now(), load_now()
     where = f"{now['processor']}, {now['cores']} cores, {now['system']}"
     where += "" if load is None else f", load {load:.1f} at the start"

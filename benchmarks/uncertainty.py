@@ -1,4 +1,4 @@
-"""Are standard errors as large as the errors? Root mean squares over pixels of simulated scenes, claimed over real."""
+"""Are standard errors as large as true errors? The ratio of their root mean squares, in simulated scenes."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ CASES = {
     "10 m, Sentinel-2": Case(7, None, 10.0, 9211, "sentinel2"),
     "10 m, simultaneous": Case(9, 0.0, 10.0, 9212, "sentinel2"),
 }
-"""Scenes of seeds that no constant was set on."""
-QUICK = ("squares, 60 ms", "1 m, simultaneous")
-LEAST = 200
-"""Fewest pixels of a kind that are compared."""
+"""Scenes by name. No constant was set on their seeds."""
+QUICK_CASES = ("squares, 60 ms", "1 m, simultaneous")
+LEAST_PIXELS = 200
+"""Fewest values of which a ratio is computed."""
 
 
 def rms(values: Array) -> float:
@@ -38,18 +38,18 @@ def rms(values: Array) -> float:
 
 
 def ratio(known: Known, image: Array, claimed: dict[int, Array], bands: list[int]) -> str:
-    """Claimed over real, of all pixels that have a standard error, as text."""
+    """Ratio of standard errors (`claimed`, by band) to true errors, and the size of these, as text."""
     errors, shares = [], []
     for b in bands:
         seen = np.isfinite(claimed[b]) & known.counts
         errors.append((image[b] - known.truth[b])[seen] / known.level[b])
         shares.append(claimed[b][seen] / known.level[b])
     error, share = np.concatenate(errors or [[]]), np.concatenate(shares or [[]])
-    return f"{rms(share) / rms(error):.2f} ({100 * rms(error):.1f} %)" if error.size >= LEAST else "-"
+    return f"{rms(share) / rms(error):.2f} ({100 * rms(error):.1f} %)" if error.size >= LEAST_PIXELS else "-"
 
 
 def row(name: str, case: Case, place: Path) -> list[str]:
-    """A row of the table."""
+    """Row of the table: name, chosen recipe, and ratios in visible and longer bands. `place` is for files."""
     known = Known.of(case.written(place))
     result = remove_glint(known.path, place / "out.tif", stderr=place / "se.tif", dtype="float32", overwrite=True)
     scene, errors = open_scene(place / "out.tif"), open_scene(place / "se.tif")
@@ -62,10 +62,10 @@ def row(name: str, case: Case, place: Path) -> list[str]:
 
 
 def main(quick: bool) -> None:
-    """Measure and print."""
+    """Print the ratios of all cases."""
     print("## Standard errors\n\n" + machine())
     with tempfile.TemporaryDirectory() as folder:
-        rows = [row(name, case, Path(folder)) for name, case in CASES.items() if not quick or name in QUICK]
+        rows = [row(name, case, Path(folder)) for name, case in CASES.items() if not quick or name in QUICK_CASES]
     head = ("", "recipe", "visible", "longer")
     note = ("Root mean square of the standard error over that of the error (root mean square error, relative to the "
             "water): above 1 too much is claimed.")  # fmt: skip

@@ -1,7 +1,7 @@
-"""Is the default harmless? Scenes drawn at random from all that the simulator knows, against raw, Hedley and Joyce.
+"""Is the default harmless? Its error on scenes with random parameters, beside those of raw, Hedley and Joyce.
 
-Each scene has a sensor, pixel size, wind, sun and delay, and by chance bottoms, coasts, boats, rocks, foam,
-misregistration, striping, resampling and JPEG. The number of a scene is its seed; no constant was set on them.
+Sensor, pixel size, wind, sun and delay of each scene are random; bottom, coast, boats, rocks, foam, misregistration,
+striping, resampling and JPEG occur by chance. The number of a scene is its seed; no constant was set on these scenes.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from deglint.simulate.cover import TARGET
 from deglint.simulate.underwater import Bottom
 
 from .files import values
-from .scenes import SIDE, Array, Known, deglinted, objects
+from .scenes import SCENE_SIDE, Array, Known, deglinted, objects
 from .timing import machine, say
 
-COUNT, FEW = 40, 6
-"""Scenes, and those that are quick."""
+COUNT, QUICK_COUNT = 40, 6
+"""Number of scenes, and number with `--quick`."""
 SENSORS = ("thesis", "thesis", "thesis-f30", "worldview3", "worldview3", "micasense", "sentinel2")
-PIXELS = {"thesis": (0.1, 0.5), "thesis-f30": (0.1, 0.5), "worldview3": (0.3, 2.0), "micasense": (0.04, 0.25)}
-"""Range of the side of a pixel [m]; that of the preset for other sensors."""
-COARSE = 2.0
-"""Side of a pixel from which facets do not resolve the waves of 2 m/s [m]."""
+PIXEL_RANGES = {"thesis": (0.1, 0.5), "thesis-f30": (0.1, 0.5), "worldview3": (0.3, 2.0), "micasense": (0.04, 0.25)}
+"""Range of the side of a pixel [m]. Other sensors have the side of their preset."""
+COARSE_PIXEL = 2.0
+"""Side of a pixel from which on facets do not resolve the waves of a wind of 2 m/s [m]."""
 DELAYS = (None, 0.0, 0.02, 0.06)
-"""Between neighbouring bands [s]; None: those of the sensor."""
+"""Delays between neighbouring bands [s]; None: those of the sensor itself."""
 MATERIALS = ("paint", "rock", "algae")
 HARMED = 1.02
-"""Ratio to the best of raw, Hedley and Joyce above which a scene is harmed."""
+"""A scene is harmed if its error, over the least error of raw, Hedley and Joyce, is above this ratio."""
 
 
 def drawn(number: int) -> Setup:
-    """What to simulate."""
+    """Random parameters of scene `number`."""
     rng = np.random.default_rng([21, number])
     name, delay = str(rng.choice(SENSORS)), DELAYS[rng.integers(len(DELAYS))]
     sensor = preset(name)
-    if name in PIXELS:
-        sensor = replace(sensor, gsd=round(float(np.exp(rng.uniform(*np.log(PIXELS[name])))), 3))
+    if name in PIXEL_RANGES:
+        sensor = replace(sensor, gsd=round(float(np.exp(rng.uniform(*np.log(PIXEL_RANGES[name])))), 3))
     sensor = sensor if delay is None else sensor.delayed(delay)
     gsd = sensor.gsd
-    wind = float(rng.integers(2 if gsd < COARSE else 4, 13))
-    side = SIDE * gsd
+    wind = float(rng.integers(2 if gsd < COARSE_PIXEL else 4, 13))
+    side = SCENE_SIDE * gsd
 
     def some(share: float) -> bool:
         return bool(rng.random() < share)
@@ -75,7 +75,7 @@ def drawn(number: int) -> Setup:
         jpeg=int(rng.integers(75, 96)) if some(0.15) else None,
     )
     return Setup(
-        sensor=sensor, size=(SIDE, SIDE), wind=wind, wind_from=float(rng.uniform(0, 360)), seed=number,
+        sensor=sensor, size=(SCENE_SIDE, SCENE_SIDE), wind=wind, wind_from=float(rng.uniform(0, 360)), seed=number,
         sun_zenith=float(rng.uniform(15, 60)), patch=float(rng.choice([0.0, 0.02, 0.06])),
         objects=() if some(0.4) else objects("square", "disc", gsd=gsd), bottom=bottom if some(0.35) else None,
         coast=0.15 * side if some(0.25) else 0.0, foam=float(whitecaps(wind)) if some(0.25) else 0.0, targets=boats,
@@ -84,7 +84,7 @@ def drawn(number: int) -> Setup:
 
 
 def described(setup: Setup) -> str:
-    """What a scene is, in a few words."""
+    """Description of a scene in a few words."""
     sensor, a = setup.sensor, setup.artefacts
     parts = [f"{sensor.name} {sensor.gsd:.2g} m", f"{max(setup.times):.2g} s", f"wind {setup.wind:g}",
              f"sun {setup.sun_zenith:.0f}"]  # fmt: skip
@@ -96,14 +96,14 @@ def described(setup: Setup) -> str:
 
 
 def kept(known: Known, image: Array, afloat: npt.NDArray[np.bool_]) -> float:
-    """Share of the contrast of floating targets that is left: 1 is all of it."""
+    """Share of their contrast that floating targets, whose pixels are `afloat`, keep in an image; 1 is all of it."""
     water = known.level[:, None]
     true, left = ((a[:, afloat] - water)[list(known.visible)] for a in (known.truth, image))
     return float((left * true).sum() / (true * true).sum())
 
 
 def row(number: int, folder: Path) -> tuple[float, list[str]] | None:
-    """Ratio of a scene, and its row of the table; None if a boat lies outside of the scene."""
+    """Error of the default over the least of raw, Hedley, Joyce; and the scene's row. None if a boat lies outside."""
     try:
         setup = drawn(number)
     except InputError:
@@ -132,10 +132,10 @@ def row(number: int, folder: Path) -> tuple[float, list[str]] | None:
 
 
 def main(quick: bool) -> None:
-    """Measure and print."""
+    """Print the errors of all scenes, and on how many the default does harm."""
     print("## Scenes drawn at random\n\n" + machine())
     with tempfile.TemporaryDirectory() as folder:
-        found = [r for n in range(FEW if quick else COUNT) if (r := row(n, Path(folder)))]
+        found = [r for n in range(QUICK_COUNT if quick else COUNT) if (r := row(n, Path(folder)))]
     ratios = np.array([ratio for ratio, _ in found])
     head = ("", "scene", "recipe", "raw", "Hedley", "Joyce", "default", "ratio", "floating kept")
     note = (f"Error of the visible bands [% of the water]; ratio to the best of raw, Hedley and Joyce. Above "

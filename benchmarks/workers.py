@@ -1,8 +1,7 @@
-"""How much faster more workers are: one command on 1, 2, ... processes of this machine, rounds interleaved.
+"""How much faster is a removal with more workers? Numbers of workers are measured in turns, on this machine.
 
-A worker is a process of one thread. The time to start the workers is not included: they correct a small scene first.
-On a machine that others use, wall time says little: see the processor time. The last column is the largest memory of a
-worker.
+A worker is a process of one thread. The time to start the workers does not count: they correct a small scene first. If
+others use the machine, see the processor time, not the wall time. The last column is the peak memory of a worker.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ from deglint.cluster import connect
 from .scale import mosaic
 from .timing import machine, table
 
-SIDES = {"full": 8192, "quick": 2048}
+TIMED_SIDES = {"full": 8192, "quick": 2048}
 ROUNDS = 3
 
 
 def once(cluster: Any, scene: Path, out: Path) -> dict[str, float]:
-    """Seconds of the fit and of the correction, and processor seconds of all workers and of this process."""
+    """Remove glint on a cluster. Return the wall times of the parts, and processor times of workers and caller [s]."""
     begun: dict[str, float] = {}
     before, own = sum(cluster.client.run(time.process_time).values()), time.process_time()
 
@@ -42,8 +41,8 @@ def once(cluster: Any, scene: Path, out: Path) -> dict[str, float]:
 
 
 def main(quick: bool, directory: Path | None, counts: Sequence[int] = (1, 2)) -> None:
-    """Measure and print."""
-    side = SIDES["quick" if quick else "full"]
+    """Print the times for each number of workers. `directory` is for scratch files."""
+    side = TIMED_SIDES["quick" if quick else "full"]
     with tempfile.TemporaryDirectory(dir=directory) as scratch:
         place = directory or Path(scratch)
         scene, out = mosaic(place, side), Path(scratch) / "out.tif"

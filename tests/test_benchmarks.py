@@ -85,7 +85,7 @@ def test_a_sea_is_the_same_every_time_and_so_is_its_copy(tmp_path):
 
 def test_other_programs_score_what_we_score():
     block, inside = peers.image(5, 24), slice(10, -10)  # at the edges programs shift or cut their windows
-    for window in (None, peers.WINDOW):
+    for window in (None, peers.TIMED_WINDOW):
         jobs = peers.jobs_of(block, window).values()
         mine, *others = (np.asarray(job()).reshape(24, 24)[inside, inside] for job in jobs)
         for theirs in others:
@@ -138,13 +138,13 @@ def test_the_model_of_scale_is_a_line_through_what_was_measured(monkeypatch):
 
 def test_measured_parts_of_a_page_are_replaced(tmp_path):
     page = tmp_path / "page.md"
-    page.write_text(f"a\n\n{timing.MARK}\n\nold\n\n{timing.MARK}\n\nb\n")
+    page.write_text(f"a\n\n{timing.PART_MARK}\n\nold\n\n{timing.PART_MARK}\n\nb\n")
     timing.fill(page, ["new"])
-    assert page.read_text() == f"a\n\n{timing.MARK}\n\nnew\n\n{timing.MARK}\n\nb\n"
+    assert page.read_text() == f"a\n\n{timing.PART_MARK}\n\nnew\n\n{timing.PART_MARK}\n\nb\n"
     with pytest.raises(ValueError, match=r"page\.md needs .* each of 2 parts"):
         timing.fill(page, ["one", "two"])
     pages = {"benchmark": 1, "evidence-detection": 4, "field": 4, "scale-model": 4}
-    assert {n: (ROOT / "docs" / f"{n}.md").read_text().count(timing.MARK) // 2 for n in pages} == pages
+    assert {n: (ROOT / "docs" / f"{n}.md").read_text().count(timing.PART_MARK) // 2 for n in pages} == pages
 
 
 def choice(*chains, best=-1):
@@ -196,7 +196,7 @@ def test_scenes_have_errors_where_pixels_count(tmp_path, monkeypatch):
     assert known.error(np.full((2, 4, 4), 3.0)) == pytest.approx(25)
     claimed = {0: np.full((4, 4), 0.5, np.float32)}
     assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "-", "too few pixels"
-    monkeypatch.setattr(uncertainty, "LEAST", 16)
+    monkeypatch.setattr(uncertainty, "LEAST_PIXELS", 16)
     assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "0.50 (25.0 %)"
 
 

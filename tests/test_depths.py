@@ -41,7 +41,7 @@ def test_a_difference_has_the_standard_error_of_independent_squares():
 def test_removal_does_not_cost_depth():
     image = depths.FOLDER / "image.tif"
     raw, depth, row, column = depths.inside(image, depths.soundings(depths.FOLDER / "depth_sample.dbf"))
-    clean = depths.removed(image, depths.RECIPES["default"])
+    clean = depths.removed(image, depths.DEPTH_RECIPES["default"])
     square = depths.squares(row, column)
     before, after = (
         depths.squared_errors(depths.predictors(b[:3, row, column])["log bands"], depth, square).mean()

@@ -74,4 +74,4 @@ def test_pictures_show_four_images_and_print_errors(known, tmp_path, capsys):
     assert f"raw {raw:.1f} %" in said
     assert re.search(r"deglint remove [\d.]+ %, joyce off [\d.]+ %", said)
     high, wide, _ = cv2.imread(str(tmp_path / "case.png")).shape
-    assert (high, wide) == (2 * pictures.SIDE + 30, 4 * 2 * pictures.SIDE + 18)
+    assert (high, wide) == (2 * pictures.VIEW_SIDE + 30, 4 * 2 * pictures.VIEW_SIDE + 18)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("deglint", "detect")
+PACKAGES = ("deglint", "detect", "benchmarks")
 SOURCES = {path: path.read_text(encoding="utf-8") for room in PACKAGES for path in sorted((ROOT / room).rglob("*.py"))}
 PAGES = {
     path: path.read_text(encoding="utf-8")
