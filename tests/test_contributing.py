@@ -12,7 +12,7 @@ import deglint as library
 from deglint.compensate.replace_glint import put
 from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
-from deglint.remove import METHODS, Method, hedley
+from deglint.remove import METHODS, Method, hedley, wiener
 from deglint.remove.request import regression_plan
 from detect.global_rx import DETECTORS
 from detect.global_rx import Method as Detector
@@ -45,6 +45,24 @@ def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, writ
     ran = deglint("remove", source, tmp_path / "again.tif", "--model", model, "--mask", "none")
     assert ran.code == 0, ran.err
     assert (read(tmp_path / "again.tif") == read(tmp_path / "mine.tif")).all()
+
+
+def test_a_new_method_of_neighbouring_pixels_is_fitted_too(monkeypatch, sea, write, read, tmp_path):
+    """Alone, among stages, and after an opening, for which it has no variant."""
+
+    def fit(request, tiles):
+        return replace(wiener.fit(request, tiles), method="mine", warnings=("of mine",))
+
+    monkeypatch.setitem(METHODS, "mine", Method("as wiener, by another name", fit, neighbours=True))
+    source = write(tmp_path / "in.tif", sea(200, 200))
+    for stages in ("off", "remove, posterior", "identify-level:5, replace-level, remove"):
+        images = []
+        for method in ("mine", "wiener"):
+            recipe = library.Recipe(method=method, compensate=stages, mask="none")
+            result = library.remove_glint(source, tmp_path / "out.tif", recipe, overwrite=True)
+            images.append(read(tmp_path / "out.tif"))
+            assert ("of mine" in result.fitted.model.warnings) == (method == "mine")
+        assert (images[0] == images[1]).all() == ("identify-level" not in stages)
 
 
 @dataclass(frozen=True)

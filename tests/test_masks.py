@@ -251,7 +251,7 @@ def test_rules_are_plain_numbers(coast):
     assert json.loads(json.dumps(rule.numbers()))["roles"]["nir"] == 3
     assert json.loads(json.dumps(sample.numbers()))["pixels"] == sample.pixels
     assert "examined are water" in rule.reason
-    assert replace(rule, window=7).reason.endswith(". If it is glint: deglint remove --mask none")
+    assert replace(rule, window=7).reason.endswith("glint: --mask none")
 
 
 # ------------------------------------------------------------------------------------------ hard inputs

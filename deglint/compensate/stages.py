@@ -5,9 +5,9 @@ remove``. `remove` is the removal by the NIR; stages before it process the scene
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import Field, asdict, dataclass
 from itertools import takewhile
-from typing import Any, get_type_hints
+from typing import Any, ClassVar, Protocol, get_type_hints
 
 import numpy as np
 
@@ -25,8 +25,17 @@ from .sharpen import Sharpen, SharpenImage
 from .state import Sample, Setting, State, in_scene_units
 from .targets import Targets
 
-# a fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`
-Stage = Background | IdentifyMedian | Median | Normalise | Posterior | ReplaceBands | ReplaceLevel | Sharpen | Targets
+
+class Stage(Protocol):
+    """A fitted stage: a frozen dataclass of plain numbers; `halo` is the margin it needs around a block [pixel]."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def halo(self) -> int: ...  # noqa: D102
+    def apply(self, state: State) -> State: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -59,13 +68,13 @@ STAGES: dict[str, Kind] = {
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Chain of Fink (2014), section 6.3, without its PSF correction (`psf-image`), as far as it can be reconstructed."""
 NEVER_AFTER = {
-    ("normalise", "remove"): "normalise prepares stages before the removal: name it at the beginning, or leave it out.",
-    ("normalise", "targets"): "targets are found in the values as read: leave out normalise.",
-    ("remove", "remove"): "a chain removes once; name other stages before and after it.",
-    ("replace-bands", "remove"): "replace-bands needs normalised bands, and remove ends that: name remove after it.",
-    ("targets", "remove"): "targets are found before the removal: name remove after it.",
-    ("targets", "normalise"): "targets are found in the values as read: leave out normalise.",
-    ("targets", "median"): "targets are found before the median replaces them: name median after them.",
+    ("normalise", "remove"): "normalise must come before remove: put normalise first, or leave normalise out.",
+    ("normalise", "targets"): "targets needs values that are not normalised: leave out normalise.",
+    ("remove", "remove"): "a chain has one remove: leave out the second remove.",
+    ("replace-bands", "remove"): "replace-bands needs normalised bands: put replace-bands before remove.",
+    ("targets", "remove"): "targets must come before the removal: put targets before remove.",
+    ("targets", "normalise"): "targets needs values that are not normalised: leave out normalise.",
+    ("targets", "median"): "median replaces targets: put targets before median.",
 }  # (a stage, a stage that cannot come before it): why
 ENDS_PSF = ("psf", "normalise", "replace-level", "median")  # like remove, they discard the result of `psf`
 
@@ -152,17 +161,17 @@ def _check(names: Sequence[str]) -> None:
             if (name, other) in NEVER_AFTER:
                 raise InputError(NEVER_AFTER[name, other])
         if name == "psf" and "identify-level" not in takewhile(lambda n: n not in ENDS_PSF, after):
-            raise InputError("psf serves identify-level: name that right after it, or psf-image for the image itself.")
+            raise InputError("psf needs identify-level right after psf; to sharpen the image itself, use psf-image.")
         if name == "posterior" and "remove" not in before:
-            raise InputError("posterior treats what removal leaves: name remove before it.")
+            raise InputError("posterior works on the result of the removal: put posterior after remove.")
         if name == "targets" and "level" in ready and not {"replace-level", "median"} & set(after):
-            raise InputError("targets after identify-level are replaced before the removal: name replace-level.")
+            raise InputError("targets after identify-level needs replace-level before remove: add replace-level.")
         if name == "replace-bands" and "normalise" not in before:
-            raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
+            raise InputError("replace-bands needs normalised bands: put normalise first.")
         needs = STAGES[name].replaces
         if needs in ("glint", "level") and not ready & {needs, "level"}:
             finders = [n for n, kind in STAGES.items() if kind.identifies in (needs, "level")]
-            raise InputError(f"{name} needs glint to be identified: name {' or '.join(finders)} before it.")
+            raise InputError(f"{name} needs identified glint: put {' or '.join(finders)} before {name}.")
         ready.add(STAGES[name].identifies)
         if name in ("replace-level", "median", "remove"):
             ready.clear()

@@ -9,7 +9,7 @@ functions read no files, keep no state, and never change a pixel.
 """
 
 from .find import fit_water
-from .sample import SampleRule, away_from_shore, deep_water, fit_sample
+from .sample import SHORE, SampleRule, deep_water, fit_sample
 from .surface import Roles, WaterRule, water
 
-__all__ = ["Roles", "SampleRule", "WaterRule", "away_from_shore", "deep_water", "fit_sample", "fit_water", "water"]
+__all__ = ["SHORE", "Roles", "SampleRule", "WaterRule", "deep_water", "fit_sample", "fit_water", "water"]

@@ -82,17 +82,6 @@ class _Local(NamedTuple):
         return np.maximum(self.visible - self.covariance**2 / np.maximum(self.variance, 1e-9), 0.0)
 
 
-def away_from_shore(mask: Mask) -> Mask:
-    """Water mask (row, column), reduced to squares of `SHORE` x `SHORE` water pixels; the image edge is no shore.
-
-    >>> lake = np.zeros((20, 20), bool)
-    >>> lake[2:14, 2:14] = lake[16:, :4] = True
-    >>> int(away_from_shore(lake).sum())
-    144
-    """
-    return opened(mask, SHORE)
-
-
 def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 

@@ -69,18 +69,18 @@ class WaterRule:
     def reason(self) -> str:
         """Whether and how much water was found, as one line for a log or for the message of a NoWaterError."""
         if not self.pixels:
-            return "no valid pixel, so no water is found. Check --nodata."
+            return "no valid pixel, so no water is found. Check the image and --nodata."
         if not self.has_water:
             return (
-                "no water: nowhere is the visible brighter than the NIR over a dark, even area. Check which band is "
-                "the NIR (--nir), or pass --mask none (all is water) or --mask FILE (polygons or a raster of it)."
+                "no water: nowhere is the visible brighter than the NIR over a dark, even area. Check the "
+                "names (--bands) and the NIR (--nir), or give --mask none (all is water) or --mask FILE (the water)."
             )
         if self.water_fraction == 1.0:
             return f"all of the {self.pixels} pixels examined are water"
         wide = f" over {self.window} x {self.window} pixels" if self.window > 1 else ""
         if self.core > 1:
             wide += f", or {self.bright:.6g} over {self.core} x {self.core}"
-        hint = ". If it is glint: deglint remove --mask none" if max(self.window, self.core) > 1 else ""
+        hint = ". If it is glint: --mask none" if max(self.window, self.core) > 1 else ""
         return (
             f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels examined are water; the rest is land, ships, "
             f"clouds or surf (NIR above {self.threshold:.6g}{wide}){hint}"

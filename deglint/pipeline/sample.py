@@ -13,15 +13,15 @@ from ..choose import Choice, choose, without_ships
 from ..compensate import Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, fit_chain
 from ..compensate.posterior import WAVES_RESOLVED
 from ..compensate.psf import system_psf, typical_psf
-from ..masks import away_from_shore, water
+from ..masks import SHORE, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL, Mask
-from ..morphology import grown
+from ..morphology import grown, opened
 from ..raster.environment import enter_thread
 from ..readers.areas import collection, to_geojson
 from ..readers.bands import optics_of
 from ..readers.grid import pixel_size
-from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
+from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise
 from ..remove.further import more_references
 from ..remove.statistics import SamplePlan, SampleStatistics, gather, merge
 from ..remove.strips import Strips, filled
@@ -88,7 +88,7 @@ def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Cal
             found = np.ascontiguousarray(water([read[b] for b in job.overview.bands], rule)[place])
         core = tile.within(outer)
         if sampler is None:
-            away = away_from_shore(found)[core]
+            away = opened(found, SHORE)[core]  # squares of water alone, away from shores
             sample = away if away.any() else found[core]
         else:
             sample = sampler.mask(block[core][list(sampler.bands)], tile)
@@ -151,26 +151,25 @@ def sample_of(training: Sequence[Training]) -> Sample:
 
 def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
     """Fit a removal method to `sample`, which is the tiles `training` after the stages `chain.before`.
-    If the stage `identify-level`, a morphological opening, comes before `wiener`, the method is `remove.mixture`, a
-    variant of `wiener` for opened images.
+    After the stage `identify-level`, a morphological opening, the variant `Method.after_opening` is fitted, if any.
     """
-    images = [s.image for s in sample.states]
-    if not METHODS[method].neighbours:
+    images, kind = [s.image for s in sample.states], METHODS[method]
+    if not kind.neighbours:
         return fit_pointwise(method, job.request, images, sample.inside)
     tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
     background = next((stage for stage in reversed(chain.before) if isinstance(stage, Background)), None)
-    if background is not None:
+    if background is not None and kind.after_opening is not None:
         replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
         inner = offshore(tiles, background.size)
-        return mixture.fit(job.request, inner, background.clear, background.cut if replaced else None)
+        return kind.after_opening(job.request, inner, background.clear, background.cut if replaced else None)
     request = replace(_of_kernels(job), faint_glint=chain.text != "remove")
     if request.faint_glint:  # the fit expects the posterior mean to remove strong glint
         request = replace(request, more=more_references(request, tiles))
-    return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
+    return kind.fit(replace(request, strips=strips_of_footprints(job.scene, job.request.correct[0])), tiles)
 
 
 def _of_kernels(job: Job) -> FitRequest:
-    """The request of a job for a fit, with the options for method `wiener`."""
+    """The request of a job for a fit, with the options for a method with `Method.neighbours`."""
     pixel = pixel_size(job.scene) or 0.0  # an unknown pixel size is treated like a fine one
     resolved, sparkle = pixel < WAVES_RESOLVED, pixel < COARSE_PIXEL
     return replace(job.request, regression="detrended", resolved=resolved, sparkle=sparkle)
@@ -186,13 +185,14 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit chain `text` with removal `method`, or for "off" method "wiener" alone; return chain, model, `Sampled`."""
+    """Fit chain `text` with removal `method`, which has `neighbours` if the chain is "off"; return also `Sampled`."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model
     else:
         strips = strips_of_footprints(job.scene, job.request.correct[0]) or partial(strips_in, job)
-        chain, model = Chain(), wiener.fit(_of_kernels(job), [t.as_sample() for t in training], strips=strips)
+        request = replace(_of_kernels(job), strips=strips)
+        chain, model = Chain(), METHODS[method].fit(request, [t.as_sample() for t in training])
     pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
     places = [place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
     return chain, model, describe_sample(job, model, pixels, places)

@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..moments import Mask
 from ..morphology import squares
 from ..scene import Band, FloatArray
-from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
+from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, mixture, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import apply
 from .request import FitRequest, regression_plan
@@ -47,22 +47,28 @@ class Method:
     plan: Callable[[FitRequest], SamplePlan] | None = None  # which statistics to gather; None if `fit` takes none
     options: tuple[str, ...] = ()  # fields of `FitRequest` that it uses; a recipe refuses others
     neighbours: bool = False  # the method uses neighbouring pixels, so it is fitted to tiles
+    after_opening: Callable[..., GlintModel] | None = None  # `fit` for opened images, if it differs; see `mixture.fit`
 
 
 _index_plan = partial(regression_plan, keep_index=True)
 _SLOPES, _LEVEL = "regression", "floor_percentile"
 
 METHODS: dict[str, Method] = {
-    "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
+    "wiener": Method(
+        "local linear filter on NIR and SWIR, one glint-free level",
+        wiener.fit,
+        neighbours=True,
+        after_opening=mixture.fit,
+    ),
     "hedley": Method(
         "slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, (_SLOPES, _LEVEL)
     ),
     "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, (_SLOPES,)),
     "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, (_SLOPES,)),
     "multiband": Method("longer bands together, level at a low percentile", multiband.fit, multiband.plan, (_LEVEL,)),
-    "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
+    "hochberg": Method("slope from darkest to brightest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
     "goodman": Method("reflectance at 750 nm, floor from 640 nm (Goodman 2008)", goodman.fit, options=("rrs_factor",)),
-    "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),
+    "kutser": Method("oxygen line at 760 nm, bands at 739, 760, 775 nm (Kutser 2009)", kutser.fit, kutser.plan),
     "nir-subtraction": Method("subtract the NIR reflectance itself (Dierssen 2003)", nir_subtraction.fit),
 }
 
@@ -201,6 +207,6 @@ def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:
         if bands[reference].group and bands[reference].group == bands[band].group:
             return k
     raise InputError(
-        f"no NIR band is taken at the same time as {bands[band].name}; name a --sensor whose sets are known, "
-        "or choose mean or best."
+        f"none of the NIR ({', '.join(bands[b].name for b in nir)}) is taken at the same time as {bands[band].name}: "
+        "select a NIR of each set of bands (--nir NUMBER,NUMBER), or take --nir-use mean or best."
     )

@@ -1,8 +1,9 @@
 """The request for a fit, and the steps that the regression methods share."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..scene import Band
 from .detrend import LOCAL_MEAN
 from .model import BandFit, GlintIndex, GlintModel
 from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, explained, standard_error
+from .strips import Strips
 
 MIN_PIXELS = 64  # fewest pixels for fitting a slope: its standard error is 13 % where R2 is 0.5
 FEW_PIXELS = 1000  # a fit to fewer pixels has a warning: the standard error of a slope exceeds 3 % where R2 is 0.5
@@ -35,6 +37,7 @@ class FitRequest:
     faint_glint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
     resolved: bool = False  # pixels are smaller than waves, so that some have no glint
     sparkle: bool = False  # pixels may resolve sparkle, of which few flashes are very bright
+    strips: Strips | Callable[[Any], Strips] | None = None  # map of detector strips, or its maker (see `wiener.fit`)
     level_error: bool = True  # estimate the standard error of the level of `wiener`; it takes half the time of a fit
 
     def __post_init__(self) -> None:
@@ -64,7 +67,7 @@ class FitRequest:
             listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
             raise BandError(
                 f"{method} needs a band within {within:g} nm of {wavelength:g} nm; the scene has {listed}. "
-                "Choose another --method, or name the --sensor if wavelengths are missing."
+                f"Choose another --method{', or name the --sensor' if len(known) < len(self.bands) else ''}."
             )
         return min(known)[1]
 
@@ -112,8 +115,8 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
     """Raise FitError if the sample has too few pixels, the NIR does not vary, or squared values over- or underflow."""
     if stats.regressed.n < MIN_PIXELS:
         raise FitError(
-            f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "
-            "Widen the sample's polygon or window, or pass --sample."
+            f"the sample has {stats.regressed.n} valid pixels; {MIN_PIXELS} are needed to fit a slope. Select more by "
+            "--sample, take a larger image, or apply a saved --model."
         )
     moments, first = stats.moments, len(request.correct)
     used = [*((b,) for b in request.correct), *(index.bands for index in stats.plan.indexes)]
@@ -130,8 +133,8 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
             raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
         if not (power[v] > 0 if reference else np.isfinite(power).all()):
             raise FitError(
-                f"{name} goes from {moments.minimum[v]:g} to {moments.maximum[v]:g}, squares of which are beyond "
-                "double precision. Bring it to other units, or mark what is not valid as nodata."
+                f"{name}: squares of {moments.minimum[v]:g} to {moments.maximum[v]:g} leave the range of double "
+                "precision. Rescale the band (--scale), or declare invalid values as nodata (--nodata)."
             )
 
 

@@ -40,7 +40,6 @@ from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_is_bette
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
 """Function that returns, for a tile, row and column in the scene of each square of `CELL` pixels, (square, 2), and a
 mask (square,) of the squares in strips of the second kind (`deglint.remove.strips`)."""
-GivenStrips = Strips | Callable[[SquareKinds], Strips] | None  # a map of strips, or the function that makes it
 SAMPLE_SIDE = 192  # side of the tiles of a sample [pixel]
 SURE = 3.0  # standard errors by which the glint common to the bands must exceed zero, else nothing is corrected
 SHEET = 0.5
@@ -92,13 +91,13 @@ class Prepared(NamedTuple):
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # degenerate samples are refused later
-def fit(request: FitRequest, tiles: Sequence[SampleTile], *, strips: GivenStrips = None) -> GlintModel:
+def fit(request: FitRequest, tiles: Sequence[SampleTile]) -> GlintModel:
     """Fit the kernel of each band, its response (the sum of the kernel) and its glint-free level.
 
-    request : with regression "ols" no local plane is subtracted, and responses are not shifted to the expected spectrum
+    request : with regression "ols" no local plane is subtracted, and responses are not shifted to the expected
+        spectrum. The field `strips` is a map of the detector strips with opposite band delays, which get separate
+        kernels; or a function that makes this map from a `SquareKinds`, called if the sample shows two kinds of strips
     tiles : parts of the scene, spread over it; 0.3 million pixels are enough
-    strips : map of the detector strips with opposite band delays, which get separate kernels; or a function that makes
-        this map from a `SquareKinds`, called if the sample shows two kinds of strips. None: one kernel for all strips
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing. Raises
     FitError for too little open water, a constant NIR, or sums of squares beyond double precision.
@@ -109,7 +108,7 @@ def fit(request: FitRequest, tiles: Sequence[SampleTile], *, strips: GivenStrips
     586-596, doi:10.1214/aos/1176345462 (jackknife).
     """
     ready = prepare(request, tiles)
-    model, of_glint = fit_without_levels(ready, strips=strips)
+    model, of_glint = fit_without_levels(ready)
     return _with_level(model, of_glint, ready.tiles, ready.request) if model.fits else model
 
 
@@ -124,15 +123,15 @@ def prepare(request: FitRequest, tiles: Sequence[SampleTile]) -> Prepared:
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # as in `fit`
-def fit_without_levels(ready: Prepared, *, strips: GivenStrips = None) -> tuple[GlintModel, Float64]:
+def fit_without_levels(ready: Prepared) -> tuple[GlintModel, Float64]:
     """Fit the model of `fit` to a prepared sample, with levels 0; also return the slopes of glint alone, (band,)."""
     request, rules, tiles, planes, notes = ready
-    sets = band_sets(request)
+    sets, strips = band_sets(request), request.strips
     grams = [_gathered(s, tiles, planes) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
-            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample or --mask "
-            "with a polygon or window of open water; for a small scene, take --method hedley --sample all."
+            "too little open water for a fit: it fills 15 % of no square of 64 x 64 pixels. Select more open water by "
+            "--sample or --mask (polygons or a window), or take --method hedley --sample all."
         )
     if callable(strips):
         mirrored = find_kernels(grams[0])
@@ -150,8 +149,8 @@ def fit_without_levels(ready: Prepared, *, strips: GivenStrips = None) -> tuple[
     model = replace(model, references=tuple(rule for r, rule in rules.items() if r in model.index_bands))
     left = float(np.exp(np.log(np.maximum(np.concatenate([k.loss for k in every]), 1e-12)).mean() / 2))
     if not sure or left > 1 - kernels.WORTH:
-        why = ": they share no glint" if sure else ", which is not significant"
-        said = f"the NIR takes {max(1 - left, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
+        why = ": they share no glint" if sure else ", which may be chance"
+        said = f"the NIR explains {max(1 - left, 0):.1%} of the bands' variation{why}. Nothing was corrected."
         model = replace(model, fits=(), references=(), warnings=(*notes, said))
     return model, common.of_glint
 
@@ -384,8 +383,8 @@ def _sheet_warning(interval: tuple[float, float, float], green: float) -> tuple[
     """Warning, if any, of a sheet of glint (`SHEET`); `interval` is from `shared_level`, `green` the median result."""
     lowest, chosen, middle = interval
     warning = (
-        f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "
-        f"{chosen / max(green, 1e-9):.0%} of the green. Turbid water or haze may be so bright; if it is an even sheet "
-        f"of glint, the glint-free NIR is between {lowest:.4g} and {middle:.4g}, and much of the sheet is left."
+        f"the glint level is uncertain: the lowest NIR over water, {chosen:.4g}, is {chosen / max(green, 1e-9):.0%} "
+        "of the green. Turbid water or haze may cause this; if uniform glint does, the glint-free NIR is between "
+        f"{lowest:.4g} and {middle:.4g}, and much of this glint remains."
     )
     return (warning,) if chosen > max(SHEET * green, 0) else ()
