@@ -122,7 +122,8 @@ def _stacked(
     files, reference, moved = put_on_grid(infos, grid)
     info = infos[0] if len(infos) == 1 else joined([own_facts(i) for i in infos], reference)
     info = _with_given(info, given)
-    stems = [_file_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
+    names = [re.split(r"[/\\!:]", i.paths[0])[-1].rsplit(".", 1)[0] for i in infos]
+    stems = [s if i.count == 1 < len(infos) else "" for s, i in zip(names, infos, strict=True) for _ in i.dtypes]
     found, known, told = bands_of(info, stems, preset)
     if len(infos) > 1 or preset is not None or count:
         info = labelled(info, found)
@@ -155,7 +156,7 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
     fits = known is not None and info.count not in known.counts and more in (len(known.bands), *known.counts)
     if fits or count == more or str(info.alpha) in map(str, [] if nir is None else split_wanted(nir)):
         return describe_file(path, alpha_is_band=True)
-    what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
+    what = "is used as alpha (0: not valid); if it is an image band, name all bands with --bands"
     notes.append(f"{path}: band {info.alpha} {what}")
     return info
 
@@ -183,11 +184,6 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
             notes.append(f"{info.paths[0]}: nodata {declared:g} of band {i + 1} is ignored: {dtype} cannot hold it")
             kept[i] = None
     return replace(info, nodatas=tuple(kept))
-
-
-def _file_stem(info: RasterInfo) -> str:
-    """Name of a file with one band, without folder and extension; "" for a file with several bands."""
-    return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 
 
 def _given(given: BandProperties) -> Given:

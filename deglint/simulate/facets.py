@@ -106,8 +106,6 @@ def _draw_sparkle(setup: Setup, variance: tuple[float, float], seed: np.random.S
     amplitudes = normals(generator, (*shape, 4), workers=workers)
     scale = np.sqrt(np.repeat(variance, 2)).astype(np.float32)
     on_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
-    if max(setup.times) == 0:  # nothing moves
-        return amplitudes, np.zeros(shape, np.uint16), np.zeros(1)
     frequencies = sparkle_frequencies(setup.sea, setup.facet)
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 

@@ -190,11 +190,9 @@ def simulate_together(
     (True, False)
     """
     check_one_sea(setups)
-    # sparkle gets frequencies only where bands are not simultaneous: draw the sea of the setup with the longest delay
-    moving = max(setups, key=lambda s: max(s.times))
-    sea, world = Facets(moving, workers=workers), _World(moving)
+    sea, world = Facets(setups[0], workers=workers), _World(setups[0])
     shots = [_Shot(setup, workers) for setup in setups]
-    done, total = 0, len(setups) * len(moving.sensor.bands)
+    done, total = 0, len(setups) * len(setups[0].sensor.bands)
     for time in sorted({t for s in setups for t in s.times}):
         for _ in _add_bands(shots, world, sea, time, workers):
             done += 1
