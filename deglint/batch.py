@@ -102,8 +102,8 @@ def read_config(path: str, directory: str | None = None) -> BatchConfig:
         check_choice(batch.dtype or "float32", list(DTYPES), "[output] dtype")
         if directory is None and Path(os.path.normpath(batch.directory)).parts[:1] == (os.pardir,):
             raise InputError(
-                f"[output] directory {str(batch.directory)!r} leads out of the directory that the batch runs in. If "
-                "that is wanted, say it on the command line: --directory DIR."
+                f"[output] directory {str(batch.directory)!r} is outside the current directory. To allow this, "
+                "give the directory on the command line: --directory DIR."
             )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -176,11 +176,11 @@ def state_of(job: Job) -> tuple[str, str]:
         return FAILED, f"{image} was made by another recipe"
     with environment():
         if not are_as([p for name in job.scene.source for p in files_of(name)], inputs):
-            return FAILED, f"{image} was made of another state of the scene"
+            return FAILED, f"the scene was changed after {image} was made"
     if changed := [path for path, said in outputs.items() if not is_as(path, said)]:
-        return FAILED, f"{changed[0]} is not as it was made"
+        return FAILED, f"{changed[0]} was changed after it was made"
     if len(there) < len(every):
-        return TODO, "was stopped while it was moved into place"
+        return TODO, "the last run was stopped before all outputs were in place"
     return FINISHED, ""
 
 
@@ -321,7 +321,7 @@ def _do(job: Job, config: BatchConfig, threads: int) -> Outcome:
     except MemoryError:
         return job.ended(FAILED, "out of memory. Use fewer --jobs, or a machine with more.")
     except Exception as error:  # noqa: BLE001  (one bad scene does not stop the rest)
-        fault = "" if isinstance(error, DeglintError) else f" ({type(error).__name__}, a fault of deglint's own)"
+        fault = "" if isinstance(error, DeglintError) else f" ({type(error).__name__}, a bug in deglint)"
         return job.ended(FAILED, " ".join(str(error).split()) + fault)
     share, method = result.counts.corrected / result.counts.total, result.fitted.model.method
     return job.ended(DONE, method=method, corrected=share, warnings=len(result.warnings))

@@ -23,7 +23,7 @@ from .tiles import T, Tile, one_thread_each
 TILES_AHEAD = 3  # most tiles in progress, or finished and not fetched yet, for each thread of a worker
 WORKER_PATIENCE = 60.0  # time without a result after which to check that the cluster has workers [s]
 _CONNECT = 15.0  # time limit of a connection to the scheduler, and of the wait for a worker [s]
-_LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
+_LOST = "lost the cluster: its scheduler does not answer. Start the scheduler, and run the command again."
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +75,12 @@ class Cluster:
                 if future.done():  # it ended just now, or `work` itself raised TimeoutError
                     return future.result()
                 if not self.client.nthreads():
-                    raise DeglintError(f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some.")
+                    raise DeglintError(f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start `dask worker`.")
         except DeglintError:  # ReadError and WriteError are OSErrors, but no loss of the cluster
             raise
         except KilledWorker as error:
-            raise DeglintError(
-                "a tile has brought down several workers, most likely for want of memory. Give each worker more "
-                "memory, or fewer threads."
-            ) from error
+            said = "several workers ended on one tile, probably out of memory. Give each more memory or fewer threads."
+            raise DeglintError(said) from error
         except (FutureCancelledError, OSError) as error:
             raise DeglintError(_LOST) from error
 

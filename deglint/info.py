@@ -14,6 +14,7 @@ from .pipeline.fit import fit_scene
 from .pipeline.overview import overview_of, raster_of, read_tiles
 from .pipeline.recipe import Recipe, make_request
 from .raster.environment import environment, limit
+from .readers.areas import open_area
 from .readers.grid import ground_size
 from .readers.undeclared import settled
 from .scene import Scene
@@ -47,31 +48,31 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     notes: list[str] = out["notes"]
     seconds, source = limit("DEGLINT_INFO_SECONDS"), raster_of(scene)
     source.deadline = deadline = time.monotonic() + seconds
-    try:
-        with environment():
+    with environment():
+        if recipe.sample not in ("auto", "all"):
+            open_area(recipe.sample, scene, "--sample")  # a wrong option is an error, not a reason
+        try:
             request, of_nir = make_request(scene, recipe)
             notes.append(of_nir)
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
             nir = request.indexes[0].bands[0]
             overview = overview_of(scene, nir, threads)
-            read = read_tiles(scene, overview.tiles, [nir], threads)
-            valid = np.concatenate([np.isfinite(block).ravel() for block in read])
+            valid = np.concatenate([np.isfinite(b).ravel() for b in read_tiles(scene, overview.tiles, [nir], threads)])
             out |= {"looked_at_pixels": valid.size, "valid_fraction": float(valid.mean())}
             if overview.water is not None:
                 out["water_fraction"] = overview.water.water_fraction
                 notes.append(overview.water.reason)
             fitted = fit_scene(scene, recipe, threads=threads)
-    except DeglintError as error:
-        out["reason"] = str(error)
-        if time.monotonic() > deadline:
-            out["reason"] = (
-                f"the examination was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
-                f"{scene.height * scene.width}; what lies in the others is not known. To read more, set the "
-                "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
-            )
-        return out
-    finally:
-        source.deadline = math.inf
+        except DeglintError as error:
+            out["reason"] = str(error)
+            if time.monotonic() > deadline:
+                out["reason"] = (
+                    f"stopped after {seconds} s: {source.pixels_read} of {scene.height * scene.width} pixels were read."
+                    " To read more, set the environment variable DEGLINT_INFO_SECONDS to more, or give a --sample"
+                )
+            return out
+        finally:
+            source.deadline = math.inf
     if fitted.water is not None:
         out["water_fraction"] = fitted.water.water_fraction
     if fitted.sampled:

@@ -137,9 +137,9 @@ class Part:
         if beyond.any():
             b = int(np.argmax(beyond))
             raise FitError(
-                f"{names[b] if names else f'band {b + 1}'} goes from {moments.minimum[b]:g} to {moments.maximum[b]:g}, "
-                "squares of which are beyond double precision. Bring it to other units, or mark what is not valid as "
-                "nodata."
+                f"{names[b] if names else f'band {b + 1}'}: squares of {moments.minimum[b]:g} to {moments.maximum[b]:g}"
+                " leave the range of double precision. Rescale the band (--scale), or declare invalid values as "
+                "nodata (--nodata)."
             )
         sample = self.values[:, np.lexsort(self.places[::-1])].T.astype(np.float64)
         if covariance == "ridge":
@@ -152,7 +152,7 @@ class Part:
             matrix = estimates.shrunk(matrix, shrinkage)
         elif covariance == "mcd":
             if len(sample) < 2:
-                raise FitError("the robust background has fewer than 2 pixels to look at. Widen its area.")
+                raise FitError("the robust background has fewer than 2 valid pixels. Select a larger area.")
             mean, matrix, n = estimates.robust(sample)
             rest = np.zeros_like(mean)
         return Background(n, mean, rest, matrix, covariance, float(shrinkage), tuple(names))

@@ -32,8 +32,8 @@ BORDERS = ("shrink", "mirror", "shift")  # beyond the image: ignore it, mirror t
 SUMS_BANDS = 24  # maximum number of bands for which sums over windows are faster than rings computed one by one
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
-    DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
-    TOO_FEW: "the ring has too few valid pixels: no score",
+    DEFICIENT: "covariance of the ring is singular, pseudo-inverse used",
+    TOO_FEW: "too few valid pixels in the ring, no score",
 }
 """Values of the array `flags` of `local_rx`, and their meanings; 0 for an ordinary score."""
 _DIRECT = 255  # state (`ASIDE` of `_local_kernel`) of pixels computed one by one: sums are slow or imprecise

@@ -105,7 +105,7 @@ class Threshold:
     standard_error : float or None
         Standard error of `value` ("gpd" only) if scores were independent; as neighbours are correlated, it is too low.
     numbers : mapping
-        Parameters and quality of the fit ("gpd" only), by name.
+        Parameters and quality of the fit ("gpd"), by name; the requested false_per_km2 ("peaks").
     notes : tuple of str
         Warnings for the user.
     """
@@ -126,9 +126,11 @@ class Threshold:
     def __str__(self) -> str:
         error = "" if self.standard_error is None else f" +- {self.standard_error:.2g}"
         got = "not measured" if self.pfa_observed is None else f"{self.pfa_observed:.3g}"
-        # for --false-per-km2 no rate per pixel was requested
-        asked = "" if self.method == "peaks" else f"requested {self.pfa_requested:.3g}, "
-        return f"threshold {self.value:.6g}{error} ({self.method}): Pfa {asked}observed {got}"
+        said = f"Pfa requested {self.pfa_requested:.3g}, observed {got}"
+        if self.method == "peaks":  # --false-per-km2 requests no rate per pixel
+            rate = self.numbers.get("false_per_km2", math.nan)
+            said = f"requested {rate:g} false objects per km2, observed Pfa {got}"
+        return f"threshold {self.value:.6g}{error} ({self.method}): {said}"
 
 
 def from_chi2(pfa: float, bands: int) -> Threshold:
@@ -183,8 +185,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     tail = _tail(scores, pfa)
     if (allowed := math.floor(pfa * tail.n * (1 + 1e-12))) < 1:
         raise InputError(
-            f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1.05 / tail.n:.2g} or more, or more "
-            "pixels, to which a tail (gpd) can be fitted."  # rounding to two digits takes up to 5 %
+            f"pfa: {pfa:g} of {tail.n} valid scores is less than one pixel. Give {1.05 / tail.n:.2g} or more, or more "
+            "pixels; with enough pixels, --threshold gpd allows lower rates."  # rounding to two digits takes up to 5 %
         )
     if allowed >= len(tail.values):
         raise InputError(f"pfa: {pfa:g} of {tail.n} scores is {allowed}, the tail keeps {len(tail.values)}. Keep more.")
@@ -229,10 +231,7 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     excess = excess[excess > 0][::-1]
     k = len(excess)
     if k < _LEAST_EXCEEDANCES or excess[0] == excess[-1]:
-        raise FitError(
-            f"the tail of {tail.n} scores has {k} different enough to be fitted, need {_LEAST_EXCEEDANCES}. "
-            "Take more pixels, or a threshold by quantile (empirical)."
-        )
+        raise FitError("the tail has too few different scores for a fit. Take more pixels, or --threshold empirical.")
     if k / tail.n < pfa:
         raise InputError(
             f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile "
@@ -246,7 +245,7 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
         raise FitError(f"the threshold for pfa {pfa:g} is beyond double precision. Take a higher rate.") from beyond
     away = 1 - survival(excess, shape, scale) - np.arange(k) / k
     distance = float(max(np.abs(away).max(), np.abs(away - 1 / k).max()))  # of Kolmogorov
-    notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
+    notes = [] if distance < _POOR_FIT else [f"poor fit of the tail: its distribution is off by up to {distance:.0%}"]
     if shape >= 0.5:
         notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
     numbers = {"start": u, "exceedances": k, "shape": shape, "shape_error": (1 + shape) / math.sqrt(k)}

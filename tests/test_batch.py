@@ -96,7 +96,7 @@ def test_a_scene_without_water_is_an_answer_and_no_failure(deglint, place, write
     (place / "r.toml").write_text(f'[output]\ndirectory = "{place / "out"}"\n')
     ran = deglint("batch", place / "r.toml", source, "-q")
     assert ran.code == 0
-    assert ran.out.endswith("1 scenes: 1 no water\n")
+    assert ran.out.endswith("1 scene: 1 no water\n")
     assert made(place) == {}
 
 
@@ -109,8 +109,8 @@ def test_what_was_made_otherwise_is_left_alone_unless_told(deglint, place, sea, 
     (place / "out" / "c_clean.tif.json").unlink()
     rows, _ = batch(deglint, place, code=1)
     reasons = [r["reason"] for r in rows.values()]
-    assert "another state of the scene" in reasons[0]
-    assert "is not as it was made" in reasons[1]
+    assert "scene was changed" in reasons[0]
+    assert "was changed after it was made" in reasons[1]
     assert "was not made by this batch" in reasons[2]
     assert all("--overwrite" in r for r in reasons)
     assert (place / "out" / "b_clean.tif").read_bytes() == b"mine"
@@ -134,7 +134,7 @@ def test_a_copy_is_known_by_its_checksum_and_a_changed_pixel_is_seen(deglint, pl
     data[-1] ^= 1
     path.write_bytes(data)
     rows, _ = batch(deglint, place, code=1)
-    assert "is not as it was made" in rows["a"]["reason"]
+    assert "was changed after it was made" in rows["a"]["reason"]
 
 
 def test_a_mask_that_was_drawn_anew_is_another_recipe(place, geojson):
@@ -256,13 +256,13 @@ def finished(place):
 def test_an_altered_image_whose_flags_are_gone_is_kept(finished):
     finished.outputs.image.write_bytes(b"mine")
     finished.outputs.flags.unlink()
-    assert state_of(finished) == ("failed", f"{finished.outputs.image} is not as it was made")
+    assert state_of(finished) == ("failed", f"{finished.outputs.image} was changed after it was made")
 
 
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("outputs", {}, "is not as it was made"),
+        ("outputs", {}, "was changed after it was made"),
         ("outputs", [], "not made by this batch"),
         ("inputs", None, "not made by"),
     ],
@@ -362,7 +362,7 @@ def test_a_kill_between_the_moves_is_no_finished_scene(deglint, place):
     assert state_of(job)[0] == "finished before"
     job.outputs.image.unlink()  # the sidecar is moved first
     state, why = state_of(job)
-    assert (state, says(why, "stopped", "moved")) == ("to do", True)
+    assert (state, says(why, "stopped", "in place")) == ("to do", True)
     job.outputs.image.write_bytes(b"old")  # of an older run that was to be replaced
     assert state_of(job)[0] == "failed"
 
@@ -382,7 +382,7 @@ def test_scenes_from_csv_and_stac(place):
     assert list_scenes([str(place / "items.json")]) == [ListedScene("tile 7", (str(place / "in" / "a.tif"),))]
     both = list_scenes([str(place / "items.json")], assets=("B08", "data"))
     assert both[0].paths == ("https://example.com/b8.tif", str(place / "in" / "a.tif"))
-    with pytest.raises(InputError, match=r"no asset B04.*thumb, data, B08.*\[input\] assets"):
+    with pytest.raises(InputError, match=r"no asset B04.*thumb, data, B08.*assets in \[input\]"):
         list_scenes([str(place / "items.json")], assets=("B04",))
     with pytest.raises(ReadError, match="no file fits"):
         list_scenes([str(place / "*.jp2")])

@@ -183,7 +183,7 @@ def test_commands_take_the_address_of_a_cluster(cluster, deglint, scene, tmp_pat
     assert deglint("remove", scene, "threads.tif", *RUN).code == 0
     ran = deglint("remove", scene, "workers.tif", *RUN, "--cluster", address)
     assert ran.code == 0, ran.err
-    assert "2 workers, each held at most" in ran.err
+    assert "2 workers, largest peak memory" in ran.err
     with rasterio.open("threads.tif") as a, rasterio.open("workers.tif") as b:
         np.testing.assert_array_equal(a.read(), b.read())
 

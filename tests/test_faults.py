@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -122,7 +123,7 @@ def test_one_band(refused, sea, write, tmp_path):
         assert "no near-infrared band" in said
         assert "stack a NIR band" in said
     said = refused(write(tmp_path / "b.tif", sea()[3:], names=["nir"]))
-    assert says(said, "no band but the NIR", "(-b)", "stack others")
+    assert says(said, "only the NIR", "(-b)", "stack visible")
 
 
 def test_no_nir_lists_the_bands_and_the_option(refused, sea, write, tmp_path):
@@ -142,7 +143,7 @@ def test_an_empty_sample(refused, sea, write, geojson, tmp_path):
     small = [(400_012, 799_982), (400_013, 799_982), (400_013, 799_981)]  # between centres
     path = geojson(tmp_path / "small.geojson", small, crs="EPSG:32653")
     assert "selects no pixel of the scene" in refused(source, "--sample", path, code=1)
-    assert "sample holds 25 valid pixels" in refused(source, "--sample", "0,0,5,5", "--method", "hedley")
+    assert "sample has 25 valid pixels" in refused(source, "--sample", "0,0,5,5", "--method", "hedley")
 
 
 def test_a_sample_off_the_image(refused, sea, write, geojson, tmp_path):
@@ -319,7 +320,7 @@ def test_an_interruption_leaves_everything_as_it_was(sea, write, tmp_path, how):
         running.send_signal(how)
         _, said = running.communicate(timeout=20)
     assert running.returncode == 130
-    assert said == "\ninterrupted: no output is half written.\n"
+    assert re.fullmatch(r"\ninterrupted: .*no incomplete output.*\n", said)
     assert (tmp_path / "out.tif").read_bytes() == b"old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]
 
@@ -345,7 +346,7 @@ def test_an_interruption_while_threads_read(sea, write, tmp_path):
         running.send_signal(signal.SIGINT)
         _, said = running.communicate(timeout=20)
     assert running.returncode == 130
-    assert said.endswith("interrupted: no output is half written.\n")
+    assert says(said, "interrupted: ", "no incomplete output")
     assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
 
 

@@ -235,7 +235,7 @@ def test_a_batch_notices_a_change_of_any_file_behind_a_scene(finished, file, sce
     Path(file).write_bytes(data.replace(b"80", b"79", 1) if file in ("e.hdr", "v.vrt") else data[:-1] + b"\x07")
     found = finished()[scene_number]
     assert found[0] == "failed"
-    assert "another state of the scene" in found[1]
+    assert "scene was changed" in found[1]
 
 
 def test_a_mask_that_comes_or_goes_is_another_state(finished):

@@ -64,9 +64,9 @@ def test_numbers_whose_squares_are_none_are_refused(scale):
     for band in range(4) if scale > 1 else [3]:
         hard = block.copy()
         hard[band] = small[band]
-        with pytest.raises(FitError, match=f"band {band + 1} .*beyond double precision"):
+        with pytest.raises(FitError, match=f"band {band + 1}.*double precision.*--scale.*--nodata"):
             remove.fit("hedley", hard, nir=3)
-        with pytest.raises(FitError, match=f"band {band + 1} .*beyond double precision"):
+        with pytest.raises(FitError, match=f"band {band + 1}.*double precision.*--scale.*--nodata"):
             fit(hard)
 
 
@@ -139,7 +139,7 @@ def test_outputs_without_a_name_or_with_that_of_another_format(deglint, sea, wri
     source = write(tmp_path / "in.tif", sea())
     ran = deglint("remove", source, out)
     assert (ran.code, ran.err.count("\n")) == (1, 1)
-    assert "fault" not in ran.err
+    assert "a bug in" not in ran.err
     assert run(["score", source, out]) == 1
     assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
 
@@ -181,5 +181,5 @@ def test_numbers_whose_squares_exceed_float32_are_not_compensated(number, said):
     from deglint.compensate.state import State
     from deglint.errors import InputError
 
-    with pytest.raises(InputError, match=f"reach {said}.*float32"):
+    with pytest.raises(InputError, match=f"reach {said}.*--scale"):
         State.of(np.full((1, 3, 3), number))

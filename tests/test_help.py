@@ -73,7 +73,7 @@ def test_a_dry_run_fits_and_writes_nothing(deglint, sea, write, tmp_path):
     ("options", "said"),
     [
         (("--compensate", "remove, identify-level:9, replace-level", "--stderr", "s.tif"), "needs identify-level"),
-        (("--model", "m.json", "--save-sample", "s.geojson"), "was not fitted to a sample here"),
+        (("--model", "m.json", "--save-sample", "s.geojson"), "was not fitted to a sample"),
     ],
 )
 def test_a_dry_run_refuses_what_the_run_refuses(deglint, sea, write, tmp_path, monkeypatch, options, said):
@@ -107,8 +107,8 @@ def test_a_dry_run_of_a_batch_counts_bytes(deglint, sea, write, tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(("remov", "a.tif", "b.tif"), "no such command: remov. Did you mean remove?"),
-     (("scene.tif", "out.tif"), "no such command: scene.tif. The commands are remove, batch, info, plan, simulate.")],
+    [(("remov", "a.tif", "b.tif"), "Did you mean remove?"),
+     (("scene.tif", "out.tif"), "The commands are remove, batch")],
 )  # fmt: skip
 def test_a_wrong_command_is_answered_with_the_right_ones(deglint, arguments, said):
     ran = deglint(*arguments)

@@ -156,7 +156,7 @@ def test_a_model_goes_through_json_and_to_bands_in_another_order():
 
 @pytest.mark.parametrize("shape", [(7, 9), (1, 1)])
 def test_a_sample_that_is_too_small_is_refused(shape):
-    with pytest.raises(FitError, match="need at least 64"):
+    with pytest.raises(FitError, match="64 are needed"):
         fitted(linear_glint(shape=shape))
 
 

@@ -259,7 +259,6 @@ def test_the_sidecar_says_everything(deglint, sea, write, tmp_path):
     assert said["skipped"]["water mask"].startswith("not searched for")
     assert said["skipped"]["nir"] == "glint reference: copied"
     assert said["warnings"] == []
-    assert said["seconds"] > 0
     assert 5000 < said["model"]["fits"][0]["n"] < said["sample"]["pixels"] == 8000  # all that is not far out
 
 

@@ -59,7 +59,7 @@ def test_a_given_model_takes_its_own_recipe_and_refuses_another(sea, write, tmp_
     source = write(tmp_path / "in.tif", sea())
     model = fit_scene(open_scene(source), PLAIN).model
     for options in ({"method": "joyce"}, {"compensate": "thesis"}):
-        with pytest.raises(InputError, match=r"model is hedley.*no stages.*recipe's method"):
+        with pytest.raises(InputError, match=r"model is hedley.*no stages.*--method"):
             remove_glint(source, tmp_path / "out.tif", Recipe(**options), model=model)
     own = replace(PLAIN, nir_use="best")
     result = remove_glint(source, tmp_path / "own.tif", own, model=model)
@@ -71,7 +71,7 @@ def test_a_given_model_takes_its_own_recipe_and_refuses_another(sea, write, tmp_
 def test_a_scene_too_small_for_a_fit_says_so(deglint, sea, write, tmp_path):
     ran = deglint("remove", write(tmp_path / "in.tif", sea(1, 1)), tmp_path / "out.tif", *RUN)
     assert ran.code == 1
-    assert "need at least 64" in ran.err
+    assert "64 are needed" in ran.err
 
 
 def test_bands_choose_what_is_corrected(deglint, sea, write, read, tmp_path):
@@ -222,8 +222,8 @@ def test_of_a_saved_model_the_named_bands_are_used(deglint, sea, write, read, tm
     np.testing.assert_array_equal(read(out), expected)
     assert list(json.loads((tmp_path / "out.tif.json").read_text())["pixels"]["changed"]) == ["green"]
     for options, said in (
-        (("-b", "nir"), "the model does not correct nir: leave it out of -b"),
-        (("--nir", "red"), "the model takes the glint from nir: leave out --nir"),
+        (("-b", "nir"), "does not correct nir"),
+        (("--nir", "red"), "leave out --nir"),
         (("--nir", "nosuch"), "no band 'nosuch'"),
     ):
         ran = deglint(*again, *options, "--overwrite")
@@ -261,7 +261,7 @@ def test_no_sample_to_save_is_said(deglint, sea, write, tmp_path):
     ran = deglint("remove", source, tmp_path / "out.tif", "--method", "nir-subtraction", "--mask", "none",
                   "--save-sample", tmp_path / "s.geojson")  # fmt: skip
     assert ran.code == 1
-    assert "there is none to write" in ran.err
+    assert says(ran.err, "not fitted to a sample", "--save-sample")
 
 
 @pytest.mark.parametrize("name", ["/vsizip/{}/scene.tif", "zip://{}!scene.tif"])

@@ -297,7 +297,7 @@ def test_what_saturates_is_not_detectable():
         ({"wind": 25.0}, r"\bwind .*0.1 to 20 m/s.* 25\. The slope models"),
         ({"wind": 0.0}, "wind must be"),
         ({"depth": -1.0}, r"\bdepth .*0 to 1000 m.* -1\. .*positive down"),
-        ({"sun_zenith": 91.0}, "The sun is down"),
+        ({"sun_zenith": 91.0}, r"\bsun_zenith .*0 to 89 degrees.* 91"),
         ({"sun_zenith": None}, "go together"),
         ({"reflectance": 15.0}, "Give a share"),
         ({"wind": np.nan}, "wind must be a finite number"),
@@ -338,9 +338,9 @@ def test_a_band_that_is_not_there():
 
 
 def test_the_sun_below_the_horizon_says_when_it_rises():
-    with pytest.raises(InputError, match=r"below the horizon.*-\d+\.\d degrees.*rises at 2026-06-21T12:5\dZ"):
+    with pytest.raises(InputError, match=r"below the horizon.*-\d+\.\d degrees.*degree high at 2026-06-21T12:5\dZ"):
         Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T08:00Z")
-    with pytest.raises(InputError, match="does not rise within a day"):
+    with pytest.raises(InputError, match="never 1 degree high"):
         Mission(latitude=85.0, longitude=0.0, time="2026-12-21T12:00Z")
     with pytest.raises(InputError, match="give latitude and longitude"):
         Mission()

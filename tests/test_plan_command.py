@@ -88,30 +88,30 @@ def test_without_xarray_netcdf_names_the_extra(deglint, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T08:00Z"), 1, "It rises at 2026-06-21T12:51Z"),
+        (("--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T08:00Z"), 1, "1 degree high at 2026-06-21T12:58Z"),
         ((*PLACE, "--wind", "30@0"), 1, "wind ... 0.1 to 19.6 m/s ... 30"),
         ((*PLACE, "--wind", "fast"), 2, "'fast' is not like 7@310"),
-        ((*PLACE, "--depth", "-2"), 1, "depth ... 0 to 1000 m ... -2. Give metres below the surface"),
-        ((*PLACE, "--sensor", "hubble"), 2, "'hubble' is not one of 'thesis', 'thesis-f30', 'worldview3'"),
+        ((*PLACE, "--depth", "-2"), 1, "depth ... 0 to 1000 m ... -2"),
+        ((*PLACE, "--sensor", "hubble"), 2, "'hubble' is not one of ... worldview3"),
         ((*PLACE, "--show", "purple"), 1, "no band 'purple' in thesis; it has COASTAL"),
         ((*PLACE, "--band", "BLUE,PURPLE"), 1, "no band 'PURPLE'"),
         ((*PLACE, "--pressure", "30 inches"), 1, "pressure must be like 1013 hPa"),
-        ((), 1, "where the sun stands is not known: give latitude and longitude"),
+        ((), 1, "sun ... give latitude and longitude"),
         (("--lat", "36.8"), 1, "give latitude and longitude"),
         (("--lat", "136", "--lon", "0"), 1, "latitude ... -90 to 90 degrees ... 136"),
         (("--lat", "0", "--lon", "0", "--time", "noon"), 1, "time ... like 2026-06-21T18:00Z ... 'noon'"),
-        ((*PLACE, "--sun", "20@30"), 2, "give --sun, or place and time, not both"),
-        (("--sun", "20@30", "--lon", "5"), 2, "give --sun, or place and time, not both"),
-        (("--sun", "20@30", "--pitch", "10"), 2, "--pitch is for --fov: leave it out, or give --fov"),
+        ((*PLACE, "--sun", "20@30"), 2, "--sun ... not both"),
+        (("--sun", "20@30", "--lon", "5"), 2, "--sun ... not both"),
+        (("--sun", "20@30", "--pitch", "10"), 2, "--pitch is for --fov"),
         ((*PLACE, "--altitude", "99"), 2, "--altitude is for --fov"),
         ((*PLACE, "--port", "1"), 2, "--port is for --serve"),
         ((*PLACE, "--fov", "40", "--no-browser"), 2, "--no-browser is for --serve"),
         (("--sun", "20"), 2, "--sun needs zenith angle and azimuth"),
         (("--mission", "nowhere.toml"), 1, "no such file: nowhere.toml"),
-        ((*PLACE, "-o", "plan.docx"), 1, "plan.docx must end in one of .png, .json, .nc, .tif"),
-        ((*PLACE, "-o", "/nonexistent/plan.png"), 1, "the directory /nonexistent does not exist"),
-        ((*PLACE, "--fov", "wide"), 2, "--fov 'wide' is not ACROSS or ACROSSxALONG"),
-        ((*PLACE, "--fov", "40", "--wind-within", "2"), 2, "--wind-within and --fov are different plans"),
+        ((*PLACE, "-o", "plan.docx"), 1, "plan.docx ... .png, .json, .nc, .tif"),
+        ((*PLACE, "-o", "/nonexistent/plan.png"), 1, "/nonexistent does not exist"),
+        ((*PLACE, "--fov", "wide"), 2, "'wide' is not ACROSS"),
+        ((*PLACE, "--fov", "40", "--wind-within", "2"), 2, "--wind-within and --fov"),
         ((*PLACE, "--from", "2026-06-21T13:00Z"), 2, "needs both --from and --to"),
         ((*PLACE, "--serve", "-o", "x.png"), 2, "--serve writes no files"),
         ((*PLACE, "--every", "soon", "--from", "x", "--to", "y"), 2, "'soon' is not like 30min or 1h"),
@@ -135,15 +135,15 @@ def test_a_mission_whose_place_is_no_table_is_one_line(deglint, tmp_path):
 def test_what_is_assumed_is_said(deglint):
     ran = deglint("plan", "--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T18:00", "--step", "10")
     assert ran.code == 0
-    assert says(ran.err, "2026-06-21T18:00 ", "no zone", "UTC")
+    assert says(ran.err, "2026-06-21T18:00 ", "no time zone", "UTC")
     assert says(ran.err, "wind: 5 m/s from 0 degrees", "--wind SPEED@FROM")
     strong = deglint("plan", *PLACE, "--wind", "16@0", "--step", "10")
-    assert "slopes were measured up to 14 m/s" in strong.err
+    assert "extrapolated beyond 14 m/s" in strong.err
     zone = deglint("plan", "--lat", "0", "--lon", "0", "--time", "2026-06-21T14:00+02:00", *WIND, "--step", "10")
     assert zone.err == ""
     span = ("--from", "2026-06-21T15:00", "--to", "2026-06-21T16:00Z", "--every", "1h")
     swept = deglint("plan", *PLACE[:4], *WIND, *span)
-    assert (swept.err.count("\n"), says(swept.err, "2026-06-21T15:00 ", "no zone", "UTC")) == (1, True)
+    assert (swept.err.count("\n"), says(swept.err, "2026-06-21T15:00 ", "no time zone", "UTC")) == (1, True)
 
 
 def test_a_mission_file_and_options_over_it(deglint, tmp_path):
@@ -200,7 +200,7 @@ def test_a_sweep_has_a_line_for_each_time(deglint, tmp_path):
     assert "time" not in found["mission"]["place"]
     night = deglint("plan", *PLACE[:4], *WIND, "--from", "2026-06-21T07:00Z", "--to", "2026-06-21T09:00Z")
     assert night.code == 1
-    assert "It rises at" in night.err
+    assert says(night.err, "sun is below the horizon", "choose that or a later time")
 
 
 @pytest.mark.slow

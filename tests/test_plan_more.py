@@ -51,7 +51,7 @@ def test_best_geometry_of_one_band():
     assert geometry.bands == ("RED",)
     assert geometry.contrast == plan.by_band[k, round(geometry.zenith / 2), round(geometry.azimuth / 2)]
     assert best_geometry(plan, band="NIR1") is None
-    with pytest.raises(BandError, match=r"not count.*add it.*BLUE"):
+    with pytest.raises(BandError, match=r"RED is not in this plan.*BLUE.*-b"):
         best_geometry(reticle(replace(BAY, bands=("BLUE",))), band="RED")
 
 
@@ -69,7 +69,7 @@ def test_a_sliver_of_good_looks_is_taken_without_a_margin():
     sliver[20, 40] = 5.0
     geometry = best_geometry(plan, sliver)
     assert (geometry.zenith, geometry.azimuth, geometry.margin) == (40.0, 80.0, False)
-    assert "Excluded viewing geometries lie within 3 degrees" in quality(geometry)
+    assert says(quality(geometry), "excluded", "within 3 degrees")
 
 
 @pytest.mark.parametrize(
@@ -361,8 +361,8 @@ def test_a_mission_survives_its_tables():
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ({"winds": {}}, r"no table \[winds\]; it knows \[place\]"),
-        ({"wind": {"spd": 3}}, r"\[wind\] has no spd; it knows speed, from"),
+        ({"winds": {}}, r"winds is not one of its tables.*\[place\]"),
+        ({"wind": {"spd": 3}}, r"unknown key spd in \[wind\].*speed, from"),
         ({"wind": {"speed": "7"}}, r"speed in .wind. .*a number.* '7'"),
         ({"wind": {"speed": True}}, "must be a number"),
         ({"wind": 7}, "wind must be a table"),

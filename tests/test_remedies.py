@@ -31,8 +31,8 @@ def remedies(sea, write, geojson, tmp_path):
     raster[0, 20:70, 10:90] = 1
     return {
         "--mask none": ("--mask", "none"),
-        "--mask FILE (polygons": ("--mask", polygon(geojson, tmp_path)),
-        "a raster of it": ("--mask", write(tmp_path / "mask.tif", raster, names=("water",))),
+        "--mask FILE": ("--mask", polygon(geojson, tmp_path)),
+        "the water)": ("--mask", write(tmp_path / "mask.tif", raster, names=("water",))),
     }
 
 
@@ -83,7 +83,7 @@ def test_a_mask_in_a_file_is_the_users_word(sea, write, geojson, tmp_path, monke
         raise AssertionError("water is searched for")
 
     monkeypatch.setattr("deglint.pipeline.overview.fit_water", never)
-    value = remedies["--mask FILE (polygons" if mask == "polygons" else "a raster of it"][1]
+    value = remedies["--mask FILE" if mask == "polygons" else "the water)"][1]
     for name, scene in (("land", land(sea)), ("sea", sea(80, 100))):
         source, out = write(tmp_path / f"{name}.tif", scene), tmp_path / f"{name}_out.tif"
         ran = deglint("remove", source, out, *HEDLEY, "--mask", value)
@@ -121,7 +121,7 @@ def test_too_small_is_3_and_the_remedies_work(sea, write, deglint, tmp_path):
     ran = deglint("remove", small, out, *HEDLEY)
     assert ran.code == 3
     assert "12 x 12 pixels are too few" in ran.err
-    assert all(words in ran.err for words in ("a larger piece", "--model", "--sample all"))
+    assert all(words in ran.err for words in ("a larger image", "--model", "--sample all"))
     assert deglint("remove", large, out, *HEDLEY, "--save-model", model).code == 0
     assert deglint("remove", small, out, "--overwrite", "--model", model).code == 0
     assert deglint("remove", small, out, *HEDLEY, "--sample", "all").code == 0

@@ -332,9 +332,9 @@ def test_a_saved_model_whose_numbers_name_nothing_is_refused(wrong):
 
 def test_errors_say_what_to_do():
     block, _ = scene()
-    with pytest.raises(FitError, match=r"9 valid pixels.*at least 64"):
+    with pytest.raises(FitError, match=r"9 valid pixels.*64 are needed"):
         fitted("hedley", block, sample=np.pad(np.ones((3, 3), bool), ((0, 67), (0, 87))))
-    with pytest.raises(FitError, match="holds 0 valid pixels"):
+    with pytest.raises(FitError, match="has 0 valid pixels"):
         fitted("joyce", np.full_like(block, np.nan))
     flat = block.copy()
     flat[NIR] = 5

@@ -177,6 +177,13 @@ def test_truth_as_polygons_is_truth_as_pixels(files, rxdetect, geojson):
     assert "1 of 7 features" in runs[1].err
 
 
+def test_truth_outside_the_scores_is_refused(files, rxdetect, geojson):
+    far = [(900_012, 799_982), (900_092, 799_982), (900_092, 799_902)]
+    ran = rxdetect("roc", files / "first.tif", geojson(files / "far.geojson", far, crs="EPSG:32653"))
+    assert ran.code == 1
+    assert says(ran.err, "far.geojson", "position and CRS"), ran.err
+
+
 def test_a_feature_below_another_is_told(files, rxdetect, geojson):
     _, _, truth = make_scene()
     rings = ring_of(truth, 1), ring_of(truth, 1, wider=1), ring_of(truth, 2)
@@ -227,7 +234,7 @@ def test_classes_are_distinguished_from_objects(files, rxdetect, write):
     run = ("roc", files / "first.tif", files / "classes.tif", "--json", "--bootstrap", 0)
     ran = rxdetect(*run)
     assert json.loads(ran.out)["pixels"]["objects"] == 3
-    assert "3 numbers of" in ran.err
+    assert "3 object numbers" in ran.err
     assert "6 separate parts" in ran.err
     ran = rxdetect(*run, "--connected")
     assert json.loads(ran.out)["pixels"]["objects"] == 6
@@ -289,10 +296,10 @@ def flat(files, write):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (numbers_of(lambda t: t[:30]), r"30 x 80 pixels\) .* \(60 x 80 pixels\) must lie on one grid"),
-        (shifted("b.tif", transform=from_origin(400_030, 800_000, 10, 10)), "must lie on one grid"),
-        (shifted("b.tif", transform=from_origin(400_000, 800_000, 10.01, 10)), "must lie on one grid"),
-        (shifted("b.tif", crs="EPSG:32654"), "must lie on one grid"),
+        (numbers_of(lambda t: t[:30]), r"30 x 80 pixels\) .* \(60 x 80 pixels\) must have the same size"),
+        (shifted("b.tif", transform=from_origin(400_030, 800_000, 10, 10)), "must have the same size"),
+        (shifted("b.tif", transform=from_origin(400_000, 800_000, 10.01, 10)), "must have the same size"),
+        (shifted("b.tif", crs="EPSG:32654"), "must have the same size"),
         (numbers_of(lambda t: t * 0), "got 0 and 4760 valid pixels"),
         (numbers_of(lambda t: t * 0 + 1), "got 4760 and 0 valid pixels"),
         (numbers_of(lambda t: t + 0.5), "allowed are 0 and integers"),

@@ -128,7 +128,7 @@ def test_fourth_byte_band_that_gdal_calls_alpha_can_be_near_infrared(tmp_path):
     path = write(tmp_path / "a.tif", array)
     plain = open_scene(path)
     assert len(plain.bands) == 3
-    assert "band 4 is alpha" in plain.notes[0]
+    assert "band 4 is used as alpha" in plain.notes[0]
     for scene in (open_scene(path, nir=4), open_scene(path, sensor="planetscope4")):
         assert len(scene.bands) == 4
         assert scene.source.info.colorinterp[3] == "undefined"

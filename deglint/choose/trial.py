@@ -59,8 +59,8 @@ class Trial:
     @property
     def kept(self) -> str:
         """Text with the gains of discs, plumes and targets [%]."""
-        said = [f"{k} keep {max(min(v, 1.0), 0.0):.0%}" for k, v in self.gains.items() if not k.startswith("texture")]
-        return ", ".join(said)
+        said = [f"{k} {max(min(v, 1.0), 0.0):.0%}" for k, v in self.gains.items() if not k.startswith("texture")]
+        return f"share of signal kept: {', '.join(said)}"
 
 
 @dataclass(frozen=True)
@@ -86,19 +86,19 @@ class Choice:
             return why.removesuffix("Nothing was corrected.").rstrip(". ")
         least = min(others, key=lambda t: t.error)
         return (
-            f"the expected error of the best candidate ({least.candidate.name}, {least.error:.1%} of the water) is not "
-            f"below {WORTH_REMOVING:.0%} of that of an uncorrected image ({self.trials[0].error:.1%}): "
-            "the bands share no glint that is worth removing"
+            f"the best candidate ({least.candidate.name}) hardly reduces the expected error: from "
+            f"{self.trials[0].error:.1%} to {least.error:.1%} of the water, not below {WORTH_REMOVING:.0%} of the "
+            "first: the bands share too little glint"
         )
 
     @property
     def why(self) -> str:
         """Reason why the best candidate was chosen."""
         if (trial := self.trial) is None:
-            return "there is too little water to try others, or its values are too large"
+            return "candidates not tried: too little water, or values too large"
         near = trial.error <= EQUAL_ERRORS * min(t.error for t in self.trials)
-        how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error" if near else "that openings hardly improve"
-        return f"of {len(self.trials)} candidates the simplest {how}: {trial.error:.1%} of the water; {trial.kept}"
+        how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error" if near else "(openings are hardly better)"
+        return f"simplest of {len(self.trials)} candidates {how}: error {trial.error:.1%} of the water; {trial.kept}"
 
     def lines(self) -> list[str]:
         """Lines of text for the log: the choice, and one line for each candidate."""
@@ -106,10 +106,8 @@ class Choice:
         if self.best.method == "copy" and trial is None:
             out.append("no removal can be used: the scene is copied")
         elif trial is not None:
-            out.append(
-                f"chosen on sample tiles: {self.best.name}; implanted signals: {trial.kept} "
-                f"(discs of {max(self.width, 1):.3g} pixels); expected error {trial.error:.1%} of the water"
-            )
+            kept = trial.kept.replace("discs", f"discs of {max(self.width, 1):.3g} pixels")
+            out.append(f"chosen: {self.best.name}; expected error {trial.error:.1%} of the water; {kept}")
         out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
         return out + [f"  {name}: refused, {why}" for name, why in (self.failed or {}).items()]
 
@@ -291,7 +289,7 @@ def _check(fitted: FittedChain, fine: Float32 | None) -> None:
     if fine is not None and not fitted.chain.replaces:
         _refuse_sky(fitted, fine)
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
-        raise FitError("strong glint leaves not much more variation than weak glint: it may be texture of the water")
+        raise FitError("the residual hardly varies more under strong glint than under weak: it may be water texture")
 
 
 def _too_small(sample: Sample) -> bool:
@@ -351,8 +349,8 @@ def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
     share, deviation = even_share(taken), float(np.std(taken))
     if share > EVEN and deviation < MIRRORED:
         raise FitError(
-            f"what it would remove is like mirrored sky: its standard deviation is {deviation:.1%} of the water, and "
-            f"{min(share, 1):.0%} of its variance is symmetric about its median"
+            f"the removed signal resembles reflected skylight: its standard deviation is {deviation:.1%} of the water, "
+            f"and {min(share, 1):.0%} of its variance is symmetric about its median"
         )
 
 

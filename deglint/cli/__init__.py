@@ -11,10 +11,10 @@ from . import running
 
 COMMANDS = {
     "remove": "remove glint from a raster",
-    "batch": "remove glint from many rasters, and go on where it was stopped",
-    "info": "say what a raster is, and what candidates would do to it",
-    "plan": "say where to look from, before flying, to avoid glint",
-    "simulate": "make a synthetic scene of the sea, with its truth",
+    "batch": "remove glint from many rasters; can be interrupted and continued",
+    "info": "describe a raster, and suggest a method to remove glint",
+    "plan": "plan viewing geometries that avoid glint",
+    "simulate": "simulate an image of the sea, with ground truth",
 }
 
 

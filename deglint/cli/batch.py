@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 OVERWRITE = (
-    "Make again what exists and was made by another recipe or of another input. What is finished is never made again."
+    "Replace outputs that come from another recipe or input, or were changed. Finished scenes are never repeated."
 )
 
 
@@ -34,11 +34,11 @@ OVERWRITE = (
 @heading("Output")
 @click.option("--overwrite", is_flag=True, help=OVERWRITE)
 @click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory.")
-@click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
-@click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, over an older one.")
+@click.option("--dry-run", is_flag=True, help="Print what would be done, and do nothing.")
+@click.option("--table", type=FILE, metavar="FILE.csv", help="Also write the summary as CSV; replaces an older file.")
 @heading("Processing")
 @click.option("--jobs", type=COUNT, default=1, metavar="N", help="Scenes at a time, each in a process of its own.")
-@click.option("--threads", type=COUNT, metavar="N", show_default="all processors, shared out", help="Threads each.")
+@click.option("--threads", type=COUNT, metavar="N", show_default="all processors, shared out", help="Threads per job.")
 @heading("Messages")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON.")
 @messages
@@ -110,7 +110,8 @@ def summary(found: list[Outcome]) -> list[str]:
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
     out = ["  ".join([*(c.ljust(w) for c, w in zip(row[:5], widths, strict=True)), row[5]]).rstrip() for row in rows]
     counts = Counter(o.status for o in found)
-    return [*out, "", f"{len(found)} scenes: " + ", ".join(f"{n} {status}" for status, n in counts.items())]
+    scenes = f"{len(found)} scene{'s' * (len(found) != 1)}"
+    return [*out, "", f"{scenes}: " + ", ".join(f"{n} {status}" for status, n in counts.items())]
 
 
 def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:

@@ -41,7 +41,8 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
 
 def lines(found: dict[str, Any]) -> list[str]:
     """Convert the result of `deglint.examine` to lines of text."""
-    size = f"{found['width']} x {found['height']} pixels, {len(found['bands'])} bands, {found['dtype']}"
+    count = len(found["bands"])
+    size = f"{found['width']} x {found['height']} pixels, {count} band{'s' * (count != 1)}, {found['dtype']}"
     pixel = "" if found["pixel_size"] is None else ", {:.4g} x {:.4g} m on the ground".format(*found["pixel_size"])
     out = [
         f"{found['path']}  ({found['driver']})",
@@ -49,7 +50,7 @@ def lines(found: dict[str, Any]) -> list[str]:
         f"{found['crs'] or 'no CRS'}{pixel}" + (f", sensor {found['sensor']}" if found["sensor"] else ""),
         *(f"  {note}" for note in found["opened"]),
         "",
-        f"{'band':<6}{'name':<14}{'wavelength':>12}{'time':>10}{'R2 with NIR':>14}{'slope':>10}",
+        f"{'band':<6}{'name':<14}{'wavelength':>12}{'delay':>10}{'R2 with NIR':>14}{'slope':>10}",
     ]
     for i, band in enumerate(found["bands"], start=1):
         wave = "?" if band["wavelength"] is None else f"{band['wavelength']:g} nm"
@@ -63,7 +64,7 @@ def lines(found: dict[str, Any]) -> list[str]:
     shares = (("valid", found["valid_fraction"]), ("water", found["water_fraction"]))
     out += [f"{text:<18}{share:.1%}" for text, share in shares if share is not None]
     if found["glint_level"] is not None:
-        out.append(f"{'glint level':<18}{found['glint_level']:.4g} (median glint of the sample, unit of the NIR)")
+        out.append(f"{'median glint':<18}{found['glint_level']:.4g} (of the sample, in the unit of the NIR)")
     out.append(f"{'suggested recipe':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
     said = {*found["opened"], *found["tried"], found["reason"]}
     return [*out, "", *(note for note in found["notes"] if note not in said), *found["tried"]]

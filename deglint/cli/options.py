@@ -159,19 +159,19 @@ def with_options(*options: Decorator) -> Decorator:
 MEMORY_SHARE = "its share of the machine's"
 SHARED_HELP = {
     "--co": "GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
-    "--sensor": "Preset that fills in what the file does not say of its bands (worldview3, sentinel2, planetscope, "
-    "micasense, landsat8, ...), or a file of a sensor of your own.",
+    "--sensor": "Sensor preset (worldview3, sentinel2, planetscope, micasense, landsat8, ...) or a sensor file, "
+    "for band properties that the input lacks.",
     "--bands": "Names of all bands in the file's order, such as 'blue,green,red,nir', if the file does not say them.",
     "--scale": "Physical value = number in the file times scale plus offset; one scale for all bands or one for each, "
     "in place of what the file says.",
-    "--nodata": "Value that means: not valid; none: every number is data.",
+    "--nodata": "Nodata value; none: all values are valid.",
     "--worker-memory": "With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
     "are done again.",
-    "--verbose": "Log the reasons of decisions, too; -vv: a traceback where it fails.",
+    "--verbose": "Also log reasons for decisions; -vv: also a traceback after an error.",
 }
 """Help texts that do not fit in the line of their option."""
 threads = click.option(
-    "--threads", type=COUNT, metavar="N", show_default="all processors", help="The result does not depend on it."
+    "--threads", type=COUNT, metavar="N", show_default="all processors", help="Threads; same result for any number."
 )
 creation = click.option(
     "--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE", help=SHARED_HELP["--co"]
@@ -193,7 +193,7 @@ reading = with_options(
 """Options for reading the input."""
 processing = with_options(
     heading("Processing"),
-    click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster; its workers see the input."),
+    click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this Dask cluster; its workers read the input."),
     click.option("--workers", type=COUNT, metavar="N", help="Work on N processes of this machine in place of threads."),
     click.option("--worker-memory", metavar="SIZE", show_default=MEMORY_SHARE, help=SHARED_HELP["--worker-memory"]),
     threads,
@@ -228,12 +228,12 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
     Raises UsageError if options conflict. At the end, the memory of the workers is logged.
     """
     if given["worker_memory"] and given["workers"] is None:
-        raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
+        raise click.UsageError("--worker-memory limits the processes of --workers: give --workers, too.")
     if given["cluster"] is None and given["workers"] is None:
         yield None
         return
     if given["threads"] is not None:
-        raise click.UsageError("--threads are this process's own: leave it out with --cluster and --workers.")
+        raise click.UsageError("--threads has no effect with --cluster or --workers: leave out --threads.")
     if given["cluster"] is not None and given["workers"] is not None:
         raise click.UsageError("--workers starts a cluster of its own: leave it out with --cluster.")
     from ..cluster import check_cluster, connect
@@ -245,4 +245,4 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
         return
     with connect(address, workers=workers, memory=memory) as cluster:
         yield cluster
-        log.info("%d workers, each held at most %.0f MB", *cluster.numbers().values())
+        log.info("cluster: %d workers, largest peak memory %.0f MB", *cluster.numbers().values())

@@ -47,7 +47,7 @@ def mode_of(given: Given) -> Mode:
         if asked[name] is None and (idle := [option for option in own if given[option] not in (None, False)]):
             raise click.UsageError(f"--{idle[0].replace('_', '-')} is for {name}: leave it out, or give {name}.")
     if mode is not one_reticle and given["show"]:
-        raise click.UsageError("--show is for one reticle: leave it out here.")
+        raise click.UsageError(f"--show is not possible with {next(iter(found))}: leave out --show.")
     if mode is page and (given["outs"] or given["as_json"]):
         raise click.UsageError("--serve writes no files: leave -o and --json out.")
     return mode
@@ -133,7 +133,7 @@ def assumed(given: Given, tables: Tables, mission: Mission) -> list[str]:
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
     bare = [text for text in texts if not re.search(r"(Z|[+-]\d\d:?\d\d)$", text, re.IGNORECASE)]
-    out += [f"time {text} names no zone: taken as UTC." for text in bare]
+    out += [f"time {text} has no time zone: UTC is assumed." for text in bare]
     wind, way = tables.get("wind", {}), "give --wind SPEED@FROM."
     if "speed" not in wind:
         out.append(f"wind: {mission.wind:g} m/s from {mission.wind_from:g} degrees assumed; {way}")

@@ -40,10 +40,10 @@ HELP = {
     "--mask": "What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
     "--band": "Bands to correct, by name or number (from 1). The others are copied.",
     "--regression": "How slopes are fitted; auto: detrended for an automatic sample, else ols.",
-    "--floor-percentile": "Percentile that is the level; 0: that of the method (minimum, for multiband 5 %).",
-    "--nir-use": "Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
-    "--rrs-factor": "Values are this many times remote-sensing reflectance; pi for reflectance.",
-    "--grid": "Of several files, the one whose grid to use.",
+    "--floor-percentile": "NIR percentile of the glint-free level; 0: the method's own (minimum; multiband: 5 %).",
+    "--nir-use": "With several NIR bands: their mean, the best for each band, or that of its set (same time).",
+    "--rrs-factor": "Ratio of the values to remote-sensing reflectance; pi for reflectance.",
+    "--grid": "Input file whose grid is used.",
     "--flags": "Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative after, 16 saturated before, 32 "
     "clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), 1 negligible, 2 correctable, 3 "
     "uncorrectable.",
@@ -84,7 +84,7 @@ HELP = {
 @click.option("--dtype", type=DTYPE, show_default="that of the input", help=HELP["--dtype"])
 @options.creation
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-@click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing.")
+@click.option("--dry-run", is_flag=True, help="Fit, print what would be done and written, and write nothing.")
 @options.processing
 @options.print_sidecar
 @options.messages
@@ -106,7 +106,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
     saved = given["model_in"]
     if saved and (unused := unused_by_model(given)):
-        raise click.UsageError(f"--model applies a fit that is there: leave out {unused}.")
+        raise click.UsageError(f"--model applies a saved fit: leave out {unused}.")
     same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
     made = {"sample": given["save_sample"], "model": given["save_model"], "reads": [saved] if saved else []}
     with Console(given) as console, options.cluster_of(given) as cluster:

@@ -100,7 +100,7 @@ class Commands(click.Group):
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code for an error, and the line of text to print on stderr."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
-        return 130, "\ninterrupted: no output is half written."  # the line break ends the ^C of a terminal
+        return 130, "\ninterrupted: no incomplete output was left."  # the line break ends the ^C of a terminal
     line = " ".join(str(error).split())
     if isinstance(error, DeglintError):
         return (3 if isinstance(error, NoWaterError) else 1), f"Error: {line}"
@@ -108,7 +108,7 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return 1, "Error: out of memory. Use fewer --threads, a smaller input, or a machine with more."
     if isinstance(error, OSError) and error.strerror:
         return 1, f"Error: {error.strerror}" + (f": {error.filename}" if error.filename else "") + "."
-    return 1, f"Error: {type(error).__name__}: {line} (a fault of deglint's own; add -vv at the end to see where)"
+    return 1, f"Error: {type(error).__name__}: {line} (a bug in this program; add -vv at the end to see where)"
 
 
 @contextlib.contextmanager

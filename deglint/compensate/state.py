@@ -52,8 +52,8 @@ class State:
             image = filled(np.asarray(block, np.float32), water)
         if np.abs(image).max(initial=0) > LARGEST:
             raise InputError(
-                f"numbers reach {np.abs(block[:, water]).max():.3g}; compensation and --stderr square them in float32, "
-                f"up to {LARGEST:g}. Bring them to other units, mark what is not valid as nodata, or leave both out."
+                f"values reach {np.abs(block[:, water]).max():.3g}; compensation and --stderr allow {LARGEST:g}. "
+                "Rescale them (--scale), declare invalid values as nodata, or use --compensate off without --stderr."
             )
         return cls(image, image, water, origin=origin)
 

@@ -293,7 +293,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     frequent = spectra.lasting_flashes(lit, stage.sparkle(lit), stage.models, *flashes).sum() / excess.shape[1]
     stage = replace(stage, threshold=float(threshold), flash_share=float(frequent))
     if (share := found_share(stage, blocks, sample)) > COMMON:
-        return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
+        return Targets(reason=f"{share:.0%} of the water would be targets, probably texture of the bottom")
     return stage
 
 

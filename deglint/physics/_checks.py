@@ -84,12 +84,12 @@ def _ranged_value(own: Field[Any], value: Any, default: object) -> object:
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:
     """Return zenith angles of the sun [degree] as float64; raise InputError if one of them is outside 0 to 90."""
-    return within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
+    return within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "Give a sun that is up.")
 
 
 def view_angle(view_zenith: npt.ArrayLike) -> Array:
     """Return zenith angles of the sensor [degree] as float64; raise InputError if one is outside 0 to `VIEW_LIMIT`."""
-    remedy = "Nearer to the horizon waves hide each other; look more steeply."
+    remedy = "Waves shadow each other there; choose a smaller zenith angle."
     return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
 
 

@@ -46,12 +46,12 @@ class Air(Checked):
 
     air_mass_type: float = ranged(1.0, 1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent.")
     humidity: float = ranged(80.0, 0.0, 100.0, "%", "Give relative humidity.")
-    water_vapour: float = ranged(1.5, 0.0, 10.0, "cm", "Give the water column; 1.5 is usual, 5 tropical.")
+    water_vapour: float = ranged(1.5, 0.0, 10.0, "cm", "Give precipitable water; 1.5 is usual, 5 tropical.")
     wind_mean: float = ranged(5.0, 0.0, 20.0, "m/s", "Give the mean wind of the last 24 hours.")
-    wind: float = ranged(5.0, 0.0, 20.0, "m/s", "Give the wind of now, at 10 m.")
+    wind: float = ranged(5.0, 0.0, 20.0, "m/s", "Give the current wind at 10 m.")
     visibility: float = ranged(15.0, 1.0, 200.0, "km", "Give the horizontal visibility; 5 is hazy, 40 very clear.")
     ozone: float = ranged(300.0, 0.0, 700.0, "DU", "Give the ozone column in Dobson units, 300 if unknown.")
-    pressure: float = ranged(STANDARD_PRESSURE, 500.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa.")
+    pressure: float = ranged(STANDARD_PRESSURE, 500.0, 1100.0, "hPa", "Give hPa: 1 inHg is 33.86 hPa.")
 
 
 CLEAR_AIR = Air(humidity=80.0, water_vapour=2.5, visibility=40.0)  # the default of plans and simulations

@@ -32,7 +32,7 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     [0.0211, 0.061]
     """
     angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
-    index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
+    index = within("index", index, 1.01, 2.0, "", "Give the relative refractive index, 1.34 for sea water.")
     return reflectance_of_cosine(np.cos(np.radians(angle)), index)
 
 
@@ -62,7 +62,7 @@ def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -
     21.909
     """
     angle = within("angle", angle, 0.0, 90.0, "degrees", "Measure it from the normal of the surface.")
-    index = within("index", index, 1.01, 2.0, "", "Give that of water over that of air, 1.34 for sea water.")
+    index = within("index", index, 1.01, 2.0, "", "Give the relative refractive index, 1.34 for sea water.")
     return np.degrees(np.arcsin(np.sin(np.radians(angle)) / index))
 
 

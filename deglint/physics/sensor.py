@@ -70,10 +70,10 @@ class Sensor(Checked):
     jitter: float = ranged(0.0, 0.0, 1e3, "pixels", "It is a standard deviation, 0 for none.")
     quantum_efficiency: float = ranged(0.8, 1e-3, 1.0, "", "Give electrons per photon, such as 0.8.")
     transmission: float = ranged(0.8, 1e-3, 1.0, "", "Give the share of light that the optics transmit, such as 0.8.")
-    well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "It is what fills a pixel.")
+    well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "Give the full-well capacity of a pixel.")
     read_noise: float = ranged(12.0, 0.0, 1e9, "electrons", "It is a standard deviation, 0 for none.")
-    dark_current: float = ranged(0.0, 0.0, 1e9, "electrons/s", "Give that of a pixel, 0 for none.")
-    bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.", integer=True)
+    dark_current: float = ranged(0.0, 0.0, 1e9, "electrons/s", "Give the dark current of a pixel, 0 for none.")
+    bits: int = ranged(12, 1, 16, "", "Give the bits of a digital number.", integer=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -182,7 +182,7 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
     >>> hidden([40, 80], 0.02).round(4).tolist()
     [0.0, 0.0408]
     """
-    zenith = within("zenith", zenith, 0.0, 89.9, "degrees", "At the horizon every wave hides.")
+    zenith = within("zenith", zenith, 0.0, 89.9, "degrees", "At 90 degrees all waves are hidden.")
     variance = within("variance", variance, 1e-12, 10.0, "", "Give the variance of slope, not its root.")
     angle = np.radians(np.maximum(zenith, 1e-6))
     v = np.minimum(1.0 / (np.tan(angle) * np.sqrt(2.0 * variance)), 25.0)
@@ -206,7 +206,7 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
     >>> float(wind_at_height(10.0).round(2))
     10.2
     """
-    wind = within("wind", wind, 0.0, 100.0, "m/s", "Give a speed, and its direction apart.")
+    wind = within("wind", wind, 0.0, 100.0, "m/s", "Give the wind speed.")
     heights = within("measured_at and wanted_at", [measured_at, wanted_at], 1.0, 100.0, "m", "Give the mast's height.")
     measured, wanted = 1.0 + np.sqrt(_DRAG) / _KARMAN * np.log(heights / 10.0)
     return np.asarray(wind * (wanted / measured))

@@ -76,11 +76,11 @@ def position(
     return Position(np.reshape(zenith, moments.shape), np.reshape(azimuth, moments.shape))
 
 
-def next_rise(latitude: float, longitude: float, time: Time) -> np.datetime64:
+def next_rise(latitude: float, longitude: float, time: Time, *, zenith: float = 90.0) -> np.datetime64:
     """Time in UTC of the next sunrise, accurate to about a minute; NaT if the sun does not rise within a day.
 
-    At sunrise the centre of the sun, with refraction, crosses the horizon. The search starts at `time`; arguments are
-    as in `position`.
+    At sunrise the centre of the sun, with refraction, rises above the zenith angle `zenith` [degree], by default that
+    of the horizon. The search starts at `time`; other arguments are as in `position`.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def next_rise(latitude: float, longitude: float, time: Time) -> np.datetime64:
     '2026-03-20T06:0'
     """
     moments = np.asarray(_seconds(time) * 1e3).astype("datetime64[ms]") + np.arange(1442).astype("timedelta64[m]")
-    up = position(latitude, longitude, moments).zenith <= 90.0
+    up = position(latitude, longitude, moments).zenith <= zenith
     rises = np.flatnonzero(~up[:-1] & up[1:])
     if not rises.size:
         return np.datetime64("NaT", "s")

@@ -44,13 +44,13 @@ class Sea(Checked):
     """
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
-    wind_from: float = ranged(0.0, -720.0, 720.0, "degrees", "Give where the wind blows from, from north.")
+    wind_from: float = ranged(0.0, -720.0, 720.0, "degrees", "Give the azimuth it blows from.")
     spectrum: Spectrum = one_of("elfouhaily", get_args(Spectrum))
     fetch: float = ranged(100e3, 1e3, 2e6, "m", "Give over which distance the wind has blown; it is for JONSWAP only.")
     spreading: Spreading | None = one_of(None, (None, *get_args(Spreading)))
     exponent: float = ranged(2.0, 0.5, 100.0, "", "It is the s of cos-2s; 2 is as wide as Cox and Munk at 9 m/s.")
     opposing: float = ranged(0.0, 0.0, 0.5, "", "It is the share of the energy that Elfouhaily's waves carry upwind.")
-    short_gain: float = ranged(1.0, 0.0, 1e3, "", "It matches a measured slope variance; 1 changes nothing.")
+    short_gain: float = ranged(1.0, 0.0, 1e3, "", "Give a factor on the energy of short waves; 1: unchanged.")
 
     @property
     def peak_wavenumber(self) -> float:

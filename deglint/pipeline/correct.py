@@ -295,7 +295,7 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
     every = sample_of(list(on_threads(_tiles_of(work.scene), work.training, threads)))
     chosen = [part for part in zip(every.states, every.inside, strict=True) if part[1].any()]
     if not chosen:
-        raise FitError("no pixel is corrected in the tiles that were read, so --stderr has nothing to learn from.")
+        raise FitError("no pixel is corrected in the sample tiles: leave out --stderr.")
     before = Sample(*map(tuple, zip(*chosen, strict=True)))
     run = partial(apply_chain, chain=work.chain, model=work.model)
     after = replace(before, states=tuple(map(run, before.states)))

@@ -124,8 +124,8 @@ def _fit_overviews(
     if recipe.sample == "auto" and (pixels := scene.height * scene.width) < SMALLEST_SCENE:
         hedley = ", or take --method hedley --sample all" if pixels >= MIN_PIXELS else ""
         raise NoWaterError(
-            f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit to, want {SMALLEST_SCENE}. "
-            f"Give a larger piece, apply a model of one (--model){hedley}."
+            f"{scene.path}: {scene.height} x {scene.width} pixels are too few for a fit, which needs {SMALLEST_SCENE}. "
+            f"Take a larger image, apply the saved model of one (--model){hedley}."
         )
     request, of_nir = make_request(scene, recipe)
     said, *doubts = of_nir.split("; warning: ", 1)
@@ -193,7 +193,7 @@ def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
         return "wiener" if method == "auto" else method, text, None, None
     training = read_training(job, for_chain=True)
     choice = chosen(job, training)
-    first, *others = choice.lines() or ["no candidate could be tried: wiener"]
+    first, *others = choice.lines() or ["wiener, without trials: too little water, or values too large"]
     log.info("%s", first)
     why(others)
     return choice.best.method, choice.best.chain, choice, training
@@ -210,7 +210,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()
     if recipe.method not in ("auto", model.method) or recipe.chain not in ("auto", "off", chain.text):
         own = f"{model.method} with {f'stages {chain.text}' if chain.text else 'no stages'}"
-        raise InputError(f"the given model is {own}: leave out the recipe's method and compensate.")
+        raise InputError(f"the given model is {own}: leave out --method and --compensate.")
     if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:
         raise InputError(
             f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "

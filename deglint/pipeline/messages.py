@@ -19,19 +19,20 @@ def why(lines: Sequence[str]) -> None:
         log.debug("  %s", line)
 
 
-def log_scene(scene: Scene) -> None:
-    """Log size, sensor, band delays and notes of a scene; if it has no coordinates, also the assumed pixel size."""
+def log_scene(scene: Scene, *, pixel: bool = True) -> None:
+    """Log size, sensor, delays and notes of a scene; if `pixel`, also the assumed pixel size where it is not known."""
     sensor = f", sensor {scene.sensor}" if scene.sensor else ""
     first, *others = scene.path.split(", ")
     name = f"{first} and {len(others)} more" if others else first
-    log.info("%s: %d bands, %d x %d pixels%s", name, len(scene.bands), scene.width, scene.height, sensor)
+    bands = f"{len(scene.bands)} band{'s' * (len(scene.bands) != 1)}"
+    log.info("%s: %s, %d x %d pixels%s", name, bands, scene.width, scene.height, sensor)
     times = [b.time_offset for b in scene.bands if b.time_offset is not None]
     if len(times) > 1:
         source = f"known for {scene.sensor}" if scene.sensor else "read from file"
         log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
-    if scene.transform is None or scene.transform.is_identity:
+    if pixel and (scene.transform is None or scene.transform.is_identity):
         size = pixel_size(scene)
-        log.info("no coordinates: pixels are taken to be %s", f"{size:g} m wide" if size else "fine, below 1 m")
+        log.info("no georeference: pixel size is assumed to be %s", f"{size:g} m" if size else "below 1 m")
     for line in scene.notes:  # notes of products and on assumptions are shown without -v, too
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
@@ -44,8 +45,9 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
         return []
     if not rule.has_water:
         raise NoWaterError(rule.reason)
-    log.info("water: %s", rule.reason)
-    return [rule.reason]
+    said = f"{rule.reason.partition('. If')[0]}, but all is corrected (--mask none)" if mask == "none" else rule.reason
+    log.info("water: %s", said)
+    return [said]
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:

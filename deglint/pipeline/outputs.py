@@ -222,7 +222,7 @@ def _doubts(scene: Scene, counts: PixelCounts) -> list[str]:
     """Warnings about bands that are not registered, and about pixels below zero or clipped to the integer range."""
     said = [note for note in scene.notes if note == UNREGISTERED]
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
-        if bands := ", ".join(f"{name} {n}" for name, n in counts.by_band(kind, scene.names).items() if n):
+        if bands := ", ".join(f"{name}: {n}" for name, n in counts.by_band(kind, scene.names).items() if n):
             said.append(f"pixels {what} (of {counts.corrected} corrected): {bands}")
     return said
 

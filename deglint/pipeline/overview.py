@@ -69,7 +69,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
             whole = last and total <= MOST_OVERVIEW
             rule = fit_water(blocks, roles, pixel=pixel_size(scene), whole=whole, reflectance=reflectance)
         elif not chosen:
-            raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
+            raise NoWaterError(f"{scene.path}: band {scene.bands[nir].name} has no valid pixel. Check it and --nodata.")
         yield Overview(tuple(chosen), bands, rule, last)
 
 

@@ -83,10 +83,10 @@ class Recipe:
             owners = [key for key, method in METHODS.items() if name in method.options]
             if self.method not in owners and getattr(self, name) != getattr(Recipe, name):
                 methods = f"method {' or '.join(owners)}, not {self.method}"
-                raise InputError(f"--{name.replace('_', '-')} is for {methods}: leave it out, or take such a method.")
+                raise InputError(f"--{name.replace('_', '-')} is for {methods}: leave it out, or change --method.")
         if self.smallest_object and self.chain != "auto":
-            remedy = "leave it out, or --method and --compensate"
-            raise InputError(f"--smallest-object is for the automatic choice: {remedy}.")
+            remedy = "leave out --smallest-object, or the others"
+            raise InputError(f"--smallest-object needs --method auto and --compensate auto: {remedy}.")
         smallest_object(self.smallest_object, 1.0)  # raises InputError unless it is a width
         if self.compensate not in CHAINS:
             if hint := nearest(self.compensate, list(CHAINS)):
@@ -123,7 +123,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
         note = f"NIR is {names}, each for the bands taken at the same time (--nir-use mean to average)"
     correct = [find_band(scene, b) for b in recipe.bands] or None
     if set(correct or range(len(scene.bands))) <= set(nir):
-        raise InputError("no band but the NIR is left to correct: ask for others (-b), or stack others with it.")
+        raise InputError("only the NIR is left to correct: choose other bands (-b), or stack visible bands with it.")
     same = {"floor_percentile": recipe.floor_percentile, "rrs_factor": recipe.rrs_factor}
     return nir_request(scene.bands, nir, use=use, correct=correct, **same), note
 

@@ -154,7 +154,7 @@ def prepare(
     if targets.sample and fitted.sample is None and fitted.choice and not fitted.model.fits:  # the choice is to copy
         fitted = replace(fitted, sample=collection([], scene))
     if targets.sample and fitted.sample is None:
-        raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
+        raise InputError(f"{fitted.model.method} was not fitted to a sample: leave out --save-sample.")
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)
     if work.area is not None and work.area.note:
         fitted = replace(fitted, notes=(*fitted.notes, work.area.note))

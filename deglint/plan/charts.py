@@ -163,10 +163,10 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
         place = (left + (0.0 if name == "least" else 220.0), top - 16)
         said = f"{name} glint: heading {line.heading[k]:03.0f}, {100 * line.fraction[k]:.0f} %"
         canvas.text(place, said, 15, colour, anchor="lm")
-    unit = "largest along, [1/sr]" if line.view.along else "glint [1/sr]"
+    unit = "largest along track [1/sr]" if line.view.along else "glint [1/sr]"
     canvas.text((left + width, top - 16), unit, 13, GREY, anchor="rm")
     below = (left + 0.5 * width, top + height + 40)
-    canvas.text(below, "angle across the track: left of it, and right", 14, GREY, anchor="mm")
+    canvas.text(below, "across-track angle: left -, right +", 14, GREY, anchor="mm")
 
 
 def wind_picture(found: WindEnsemble) -> Image:

@@ -102,12 +102,10 @@ class Mission(Checked):
     latitude: float | None = ranged(None, -90, 90, "degrees", "North is positive.", file="place.latitude")
     longitude: float | None = ranged(None, -180, 360, "degrees", "East is positive.", file="place.longitude")
     time: Time | None = field(default=None, metadata={"file": "place.time"})
-    sun_zenith: float | None = ranged(
-        None, 0, SUN_LIMIT, "degrees", "The sun is down; choose another time.", file="sun.zenith"
-    )
+    sun_zenith: float | None = ranged(None, 0, SUN_LIMIT, "degrees", "Give a sun that is up.", file="sun.zenith")
     sun_azimuth: float | None = ranged(None, -360, 360, "degrees", "Give an azimuth from north.", file="sun.azimuth")
     wind: float = field(default=5.0, metadata={"file": "wind.speed"})
-    wind_from: float = ranged(0.0, -360, 360, "degrees", "Give where it blows from, from north.", file="wind.from")
+    wind_from: float = ranged(0.0, -360, 360, "degrees", "Give the azimuth it blows from.", file="wind.from")
     wind_height: float = ranged(10.0, 1, 100, "m", "Give the height of the mast.", file="wind.height")
     air: Air | None = None
     chlorophyll: float = ranged(
@@ -124,7 +122,7 @@ class Mission(Checked):
     step: float = ranged(
         1.0, 0.25, 10, "degrees", "1 is usual; memory grows with its inverse square.", file="view.step"
     )
-    widest: float = ranged(80.0, 10, 85, "degrees", "Nearer to the horizon waves hide each other.", file="view.widest")
+    widest: float = ranged(80.0, 10, 85, "degrees", "Beyond it waves shadow each other.", file="view.widest")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -150,10 +148,10 @@ class Mission(Checked):
             )
         if self.sun[0] > SUN_LIMIT:
             assert self.moment is not None  # it is known if the latitude is
-            rise = sun.next_rise(*self.place, self.moment)
-            remedy = f"It rises at {str(rise)[:16]}Z: choose a later time."
+            rise = sun.next_rise(*self.place, self.moment, zenith=SUN_LIMIT) + np.timedelta64(59, "s")  # whole minutes
+            remedy = f"It is {90 - SUN_LIMIT:g} degree high at {str(rise)[:16]}Z: choose that or a later time."
             if np.isnat(rise):
-                remedy = "It does not rise within a day; choose another date."
+                remedy = f"It is never {90 - SUN_LIMIT:g} degree high within a day; choose another date."
             what = f"{'below the horizon' if self.sun[0] > 90.0 else 'too low'} ({90 - self.sun[0]:.1f} degrees)"
             where = f"{self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}"
             raise InputError(f"the sun is {what} at {where}. {remedy}")
@@ -218,11 +216,11 @@ class Mission(Checked):
     @property
     def cautions(self) -> tuple[str, ...]:
         """Texts that warn of a wind or a sun elevation for which the models of the plan are less valid."""
-        wind, high = f"wind {self.wind:g} m/s: slopes were measured", 90 - self.sun[0]
+        wind, high = f"wind {self.wind:g} m/s: slope model extrapolated", 90 - self.sun[0]
         known = {
-            f"{wind} up to {MEASURED_WIND:g} m/s; foam is left out.": self.wind > MEASURED_WIND,
-            f"{wind} from 1 m/s on; swell is left out.": self.wind < 1.0,
-            f"sun {high:.0f} degrees high: the light in the water is that of a sun at 15 degrees.": high < 15.0,
+            f"{wind} beyond {MEASURED_WIND:g} m/s; foam is not modelled.": self.wind > MEASURED_WIND,
+            f"{wind} below 1 m/s; swell is not modelled.": self.wind < 1.0,
+            f"sun {high:.0f} degrees high: underwater light is computed for 15 degrees.": high < 15.0,
         }
         return tuple(text for text, holds in known.items() if holds)
 
@@ -260,7 +258,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     for table, values in tables.items():
         known = "view" if table == "look" else table  # [look] is the old name of [view]
         if known not in _TABLES:
-            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _TABLES)}.")
+            raise InputError(f"{name}: {table} is not one of its tables, {', '.join(f'[{t}]' for t in _TABLES)}.")
         keys = [key for other, key in _FIELDS if other == known]
         read[known] = _read(table, values, (*keys, *_KEYS.get(known, ())), name)
     given = {own: read[table][key] for (table, key), own in _FIELDS.items() if key in read.get(table, {})}
@@ -327,7 +325,7 @@ def _read(table: str, values: object, known: Iterable[str], name: str) -> dict[s
     out: dict[str, Any] = {}
     for key, value in values.items():
         if key not in known:
-            raise InputError(f"{name}: [{table}] has no {key}; it knows {', '.join(known)}.")
+            raise InputError(f"{name}: unknown key {key} in [{table}]; allowed are {', '.join(known)}.")
         if key in _NO_NUMBERS:
             out[key] = value
         elif isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):

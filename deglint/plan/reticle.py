@@ -126,7 +126,7 @@ class Reticle:
         """Index of a band on the band axis of the arrays. Raises BandError if the plan does not use this band."""
         name = self.mission.sensor.band(band).name
         if name not in self.bands:
-            raise BandError(f"band {name} does not count in this plan; add it to the bands, {', '.join(self.bands)}.")
+            raise BandError(f"band {name} is not in this plan ({', '.join(self.bands)}). Add {name} with -b.")
         return self.bands.index(name)
 
     def nearest(self, zenith: float, azimuth: float) -> tuple[int, int]:
@@ -254,8 +254,8 @@ def sentence(geometry: ViewingGeometry | None) -> str:
 
 def quality(geometry: ViewingGeometry) -> str:
     """Text that states contrast and glint of a viewing geometry, and warns if excluded viewing geometries are near."""
-    stand = "" if geometry.zenith < 1.0 else f"Stand off {np.tan(np.radians(geometry.zenith)):.2f} x your height. "
-    edge = "" if geometry.margin else f" Excluded viewing geometries lie within {MARGIN:g} degrees of it."
+    stand = "" if geometry.zenith < 1.0 else f"Ground distance {np.tan(np.radians(geometry.zenith)):.2f} x altitude. "
+    edge = "" if geometry.margin else f" An excluded viewing geometry is within {MARGIN:g} degrees."
     return (
         f"{stand}Contrast {geometry.contrast:.3g} x noise in {', '.join(geometry.bands[:4])}."
         f" Sun glint on {one_in(geometry.glint_probability)} of the sea.{edge}"

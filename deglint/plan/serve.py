@@ -63,7 +63,7 @@ def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
     try:
         return _Server(mission, port)
     except OSError as error:
-        raise InputError(f"port {port} cannot be had: {error.strerror}. Give another --port, or 0.") from error
+        raise InputError(f"port {port} is not available: {error.strerror}. Give another --port, or 0.") from error
 
 
 class _Server(ThreadingHTTPServer):

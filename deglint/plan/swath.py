@@ -76,7 +76,7 @@ class Line:
         if self.fraction[self.best] > 0.995:
             return f"No heading is good: all of the view ({where}) is in glint on every one."
         if self.fraction[self.best] > USABLE:
-            return f"No heading is good: at least {least} of the view ({where}) is in glint, heading {best}."
+            return f"No heading is good: at least {least} of the view ({where}) is in glint; least on heading {best}."
         return f"Fly heading {best}: {least} of the view ({where}) in glint; worst is {worst} with {most}."
 
 

@@ -118,7 +118,7 @@ class WindEnsemble:
     """
 
     def __init__(self, mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> None:
-        within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give plus or minus how much.")
+        within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give a plus-or-minus value.")
         within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
         self.speed, self.turn = speed, turn
         low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)

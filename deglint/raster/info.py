@@ -147,7 +147,7 @@ def _what_instead(path: str) -> str:
         with place.open("rb") as file:
             head = file.read(_HEAD)
     except PermissionError:
-        return f"may not be read by you. Ask for the permission (chmod u+r {path}), or copy it"
+        return f"is not readable for you. Get read permission (chmod u+r {path})"
     except OSError:
         return f"is of no format that is known. {_OTHERWISE}"
     return next(said.format(path=path) for pattern, said in _FILE_KINDS if re.match(pattern, head, re.IGNORECASE))
@@ -156,7 +156,7 @@ def _what_instead(path: str) -> str:
 def remedy(path: str, said: str = "") -> str:
     """Sentences for an error message: why the file `path` cannot be read (GDAL's message is `said`), and a remedy."""
     if "No such file" in said:
-        return "The file, or a file that it names, is missing: put it there."
+        return "This file, or a file that it refers to, is missing: add the missing file."
     if REMOTE_NAME.match(path):
         return (
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
@@ -196,8 +196,8 @@ def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
     place = info.transform
     if place is not None and not (np.isfinite(place[:6]).all() and abs(place.determinant) > 0):
         raise InputError(
-            f"{path} puts its pixels on a transform that cannot be inverted: {tuple(place[:6])}. Give it another, or "
-            "none: gdal_edit.py -unsetgt."
+            f"{path} has a geotransform that cannot be inverted: {tuple(place[:6])}. Correct it, or remove it: "
+            f"gdal_edit.py -unsetgt {path}"
         )
     return info
 

@@ -154,7 +154,7 @@ def check_ending(path: Path | None, what: str, *endings: str) -> None:
     """Raise WriteError if a name, unless it is None, has none of the endings; the message calls the content `what`."""
     if path is not None and path.suffix.lower() not in endings:
         name = path.with_suffix(endings[0]).name
-        raise WriteError(f"{path} would hold {what}, not what its name says. Name it {name}.")
+        raise WriteError(f"{path}: this output is {what}. Name it {name}.")
 
 
 class Scratch(contextlib.AbstractContextManager["Scratch"]):

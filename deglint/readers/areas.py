@@ -132,7 +132,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
         try:
             shapes = [transform_geom(crs_of(document, name), scene.crs, s) for s in shapes]
         except gdal_errors(ValueError, IndexError) as error:
-            raise InputError(f"{name} has coordinates that do not fit its CRS: {one_line(error)}.") from error
+            raise InputError(f"{name} has coordinates that its CRS excludes: {one_line(error)}. Check both.") from error
     transform = scene.transform or Affine.identity()
     with np.errstate(all="ignore"):
         columns, rows = at(~transform, *_corners(shapes).T)
@@ -249,9 +249,9 @@ def middle_of(path: str) -> tuple[float, float]:
     try:
         (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
     except gdal_errors(ValueError) as error:
-        raise InputError(f"{path} (--place) has a place that cannot be found: {one_line(error)}.") from error
+        raise InputError(f"{path} (--place) has no valid position: {one_line(error)}. Give --lat and --lon.") from error
     if not np.isfinite([latitude, longitude]).all() or abs(latitude) > 90.0:
-        raise InputError(f"{path} (--place) lies nowhere on Earth in its CRS. Give --lat and --lon.")
+        raise InputError(f"{path} (--place) has coordinates outside the valid area of its CRS. Give --lat and --lon.")
     return float(latitude), float(longitude)
 
 

@@ -95,7 +95,7 @@ def _with_sensor(
     try:
         bands, notes = apply_sensor(bands, tagged, unnamed)
     except BandError as error:
-        return bands, None, [f"a tag names a sensor, which is not used: {error}"]
+        return bands, None, [f"the sensor in the file's tags is not used: {error}"]
     return bands, tagged.name, notes
 
 
@@ -111,8 +111,8 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
     if not changed:
         return filled, []
     if sensor:
-        return filled, [f"the names are {_PRESET_TITLES[sensor.name]}'s; their wavelengths are assumed"]
-    return filled, [f"wavelengths of {', '.join(changed)} are nominal, from the names"]
+        return filled, [f"band names match {_PRESET_TITLES[sensor.name]}: its wavelengths are assumed"]
+    return filled, [f"wavelengths of {', '.join(changed)} are typical values for the band names"]
 
 
 def nominal_pixel(scene: Scene) -> float | None:
@@ -229,7 +229,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
         why = "its products come in more than one band order, and no band name fits"
     elif not product:
         counts = " or ".join(map(str, sensor.counts))
-        why = f"no band name fits, and {len(bands)} bands are not {counts}, as its products have"
+        why = f"no band name fits, and its products have {counts} bands, not {len(bands)}"
     return (
         f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
         f"preset has {', '.join(b.name for b in sensor.bands)}. Leave the sensor out, or name the {len(bands)} bands "

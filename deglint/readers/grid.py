@@ -33,11 +33,11 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     `grid` selects this file: "finest" or None (smallest pixels), its 1-based number, or the end of its name. Raises
     InputError if the files do not fit on one grid, or if `grid` selects no file or several.
     """
-    for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
+    for attribute, what in (("crs", "coordinate reference system"), ("transform", "geotransform")):
         without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
         if len({(i.height, i.width) for i in infos}) > 1 and 0 < len(without) < len(infos):
             raise InputError(
-                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
+                f"{without[0]} has no {what}, but another size than the other files. Georeference it, or leave it out."
             )
     areas = [_pixel_area(info, infos[0]) for info in infos]
     chosen = _choose(infos, areas, grid)
@@ -50,7 +50,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
             files.append(FileBands.of(info))
             continue
         if not overlap(info, reference):
-            raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
+            raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of the same area.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
         finer = area < 0.98 * areas[chosen]

@@ -82,7 +82,7 @@ def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
         raise BandError("--nir: want at least one band name or number, got none")
     indexes = tuple(dict.fromkeys(find_band(scene, item) for item in asked))
     said = ", ".join(f"{i + 1} {scene.bands[i].name}" for i in indexes)
-    return indexes, f"NIR is band {said}, as asked for" + _doubts(scene, indexes)
+    return indexes, f"NIR is band {said}, as selected" + _doubts(scene, indexes)
 
 
 def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
@@ -112,7 +112,7 @@ def _no_nir(scene: Scene) -> str:
     example = _example_of(scene, hidden=alpha is not None)
     alone = len(known) == 1 and not alpha
     if alone or all(w is not None and w < VISIBLE for w in known):
-        hidden = f' If band {alpha}, taken for alpha, is its NIR, say --bands "{example}".' if alpha else ""
+        hidden = f' If band {alpha}, taken for alpha, is its NIR, give --bands "{example}".' if alpha else ""
         few = "one band" if alone else f"no band beyond {VISIBLE:g} nm"
         return (
             f"no near-infrared band in {what}: it has {few} ({bands}), so that no method that follows the near "
@@ -123,8 +123,8 @@ def _no_nir(scene: Scene) -> str:
     remedy = f"Name another band beyond {VISIBLE:g} nm as NIR (--nir NUMBER), or stack a NIR band of the same image"
     if None in known:
         remedy = (
-            f'Name the bands in their order, such as --bands "{example}", or say --wavelengths 475,560,668,842 (one a '
-            "band), --sensor NAME, or the NIR alone: --nir NUMBER"
+            f'Name the bands in their order, such as --bands "{example}", or give --wavelengths (the centres of all '
+            f"{len(known)} bands in nm), --sensor NAME, or the NIR alone: --nir NUMBER"
         )
     return f"no near-infrared band (750-1050 nm) is known in {what}; it has {bands}. {remedy}."
 
@@ -177,7 +177,7 @@ def find_band(scene: Scene, wanted: str | int) -> int:
         return index
     hint = nearest(text, [*scene.names, *_ROLES])
     raise BandError(
-        f"no band {item!r} in {scene.path or 'the scene'}{hint}. Allowed are names and numbers "
+        f"no band {item!r} in {scene.path or 'the scene'}{hint or '.'} Allowed are names and numbers "
         f"1-{len(names)}: {scene.describe_bands()}."
     )
 

@@ -115,8 +115,8 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
-            f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Name those "
-            "that are the bands: FILE#ID#KEY,KEY, or in a recipe [input] assets."
+            f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Choose "
+            "the band assets: FILE#ID#KEY,KEY as input, or assets in [input] of a batch recipe."
         )
     facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
     # `view:azimuth` is interpreted as the direction from the scene to the satellite: the specification is ambiguous,
@@ -159,8 +159,8 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     if len(keys) == 1:
         return keys
     raise InputError(
-        f"{what} has {len(keys)} rasters: {', '.join(map(str, keys[:30]))}. Name those that are the bands, in their "
-        "order: FILE#ID#KEY,KEY, or in a recipe [input] assets."
+        f"{what} has {len(keys)} rasters: {', '.join(map(str, keys[:30]))}. Choose the band assets, in order: "
+        "FILE#ID#KEY,KEY as input, or assets in [input] of a batch recipe."
     )
 
 
@@ -196,7 +196,7 @@ def href(asset: object, path: str) -> str:
     """GDAL name of the file of an asset; a relative link is resolved from `path`, the Item's file or URL."""
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
-        raise InputError(f"{path}: an asset has no href.")
+        raise InputError(f"{path}: an asset has no href. Name the raster files themselves.")
     if REMOTE_NAME.match(given):
         return given
     if given.lower().startswith("file://"):

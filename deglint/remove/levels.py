@@ -78,7 +78,7 @@ def mode(sample: FloatArray) -> float:
     n^(-2/7); a half-sample mode, the usual alternative, is several times noisier. The cost is a sort and a few passes.
     """
     if sample.size == 0:
-        raise FitError("the mode of no values was asked for; the sample is empty.")
+        raise FitError("the sample is empty, so that it has no mode.")
     values: Float64 = np.sort(sample.astype(np.float64))
     quarter, three_quarters = np.quantile(values, [0.25, 0.75])
     scale = float(three_quarters - quarter) / 1.349 or float(values[-1] - values[0])

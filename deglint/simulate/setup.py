@@ -51,14 +51,14 @@ class FloatingTarget(Checked):
         Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the foam wake [m].
     """
 
-    right: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
-    down: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
+    right: float = ranged(MISSING, -1e6, 1e6, "m", "Give its position.")
+    down: float = ranged(MISSING, -1e6, 1e6, "m", "Give its position.")
     length: float = ranged(8.0, 0.05, 500.0, "m", "Give the size of the hull.")
     width: float = ranged(2.5, 0.05, 500.0, "m", "Give the size of the hull.")
     speed: float = ranged(0.0, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
     heading: float = ranged(0.0, -360.0, 360.0, "degrees", "Give an azimuth from north.")
     material: str = one_of("paint", SPECTRA)
-    wake: float = ranged(0.0, 0.0, 5000.0, "m", "Give its length.")
+    wake: float = ranged(0.0, 0.0, 5000.0, "m", "Give the length of the wake.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +124,7 @@ class Setup(Checked):
     slopes: SlopeModel = one_of("cox-munk", get_args(SlopeModel))
     sun_zenith: float = ranged(40.0, 0.0, 80.0, "degrees", "Choose another time of day.")
     sun_azimuth: float = ranged(135.0, -720.0, 720.0, "degrees", "Give an azimuth from north.")
-    view_zenith: float = ranged(0.0, 0.0, 70.0, "degrees", "Nearer to the horizon waves hide each other.")
+    view_zenith: float = ranged(0.0, 0.0, 70.0, "degrees", "Beyond 70 degrees waves shadow each other.")
     view_azimuth: float = ranged(0.0, -720.0, 720.0, "degrees", "Give an azimuth from north.")
     sky: str = one_of("cardioidal", SKIES)
     air: Air | None = None

@@ -34,7 +34,7 @@ class Bottom(Checked):
         Share of the ground that patches cover [1], 0 to 1; size of a patch [m], limited to the longer side of the sea.
     """
 
-    depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
+    depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "A deeper bottom is invisible.")
     edge: tuple[float, float] | None = None
     roughness: float = ranged(0.0, 0.0, 20.0, "m", "It is a standard deviation of the depth.")
     materials: tuple[str, str] = ("sand", "algae")
@@ -105,7 +105,7 @@ class SubmergedObject(Checked):
 
     corners: tuple[tuple[float, float], ...]
     reflectance: float = ranged(MISSING, 0.0, 1.0, "", "Ten per cent is 0.1.")
-    depth: float = ranged(5.0, 0.1, 60.0, "m", "Deeper, nothing of it comes back.")
+    depth: float = ranged(5.0, 0.1, 60.0, "m", "A deeper object is invisible.")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,7 +119,7 @@ class SubmergedObject(Checked):
             raise InputError(
                 f"object must lie in the scene, 0 to {width:g} m right and 0 to {height:g} m down, got"
                 f" {right.min():g} to {right.max():g} and {down.min():g} to {down.max():g} m;"
-                " move it or enlarge the scene"
+                " move it, enlarge the scene (--size), or leave objects out (--objects none)"
             )
 
 

@@ -29,9 +29,9 @@ log = logging.getLogger(__name__)
 @click.option("--pfa-max", type=click.FloatRange(0, 1, min_open=True), default=0.1, metavar="PFA",
               help="Partial areas and object counts go up to this false-alarm rate.")
 @click.option("--bootstrap", "draws", type=click.IntRange(0, 100_000), default=1000, metavar="N",
-              help="Draws of objects and blocks for the intervals; 0: none.")
+              help="Bootstrap samples for confidence intervals; 0: none.")
 @click.option("--block", type=click.IntRange(1), metavar="PIXELS",
-              help="Side of the blocks of background. [default: 1/24 of the longer side, at least 16]")
+              help="Block size of the bootstrap. [default: 1/24 of the longer side, at least 16]")
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="N", help="Seed of the draws.")
 @click.option("--lower-is-anomalous", "lower", is_flag=True, help="Low scores are anomalous, not high ones.")
 @options.heading("Output")
@@ -40,8 +40,8 @@ log = logging.getLogger(__name__)
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @options.heading("Messages")
 @click.option("--json", "as_json", is_flag=True, help="Print every number as JSON on stdout, and nothing else there.")
-@click.option("-v", "--verbose", count=True, show_default=False, help="Say more; -vv: a traceback where it fails.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
+@click.option("-v", "--verbose", count=True, show_default=False, help="Log more; -vv: also a traceback after an error.")
+@click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     """Print how well the SCORES of each detector find the targets in TRUTH: area under the ROC curve, detection rates.
 

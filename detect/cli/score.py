@@ -57,15 +57,15 @@ def pair(kind: Callable[[str], float], name: str, example: str) -> Callable[...,
               "What lies outside is in no background either; for sea the holes of ships are filled. auto: water for "
               "sea, else everywhere.")
 @click.option("--pfa", type=SHARE, metavar="RATE",
-              help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
+              help="Accepted false alarms per pixel, such as 1e-4; sets the threshold.")
 @click.option("--threshold", type=options.ChoiceFromTable("THRESHOLDS", "detect.threshold"), default="gpd",
-              help="How the threshold is found: a law fitted to the highest scores (gpd), their own quantile "
-              "(empirical), or the law of a normal background (F, or chi-squared), which real scenes seldom follow.")
+              help="Threshold from a generalised Pareto distribution fitted to the highest scores (gpd), from their "
+              "quantile (empirical), or for a normal background (f, chi2), which real scenes seldom follow.")
 @click.option("--false-per-km2", type=click.FloatRange(0, min_open=True), metavar="RATE",
-              help="For sea, in place of --pfa: false objects wanted per square kilometre of sea, such as 0.1.")
+              help="For sea, in place of --pfa: accepted false objects per square kilometre of sea, such as 0.1.")
 @click.option("--largest-object", default="400,60", callback=pair(float, "LENGTH,WIDTH", "400,60"),
-              metavar="LENGTH,WIDTH", help="For sea: length and width of the largest object that floats, in metres; "
-              "0,0 searches the mask as it is.")
+              metavar="LENGTH,WIDTH", help="For sea: length and width of the largest ship, in metres: "
+              "holes in the water mask up to this size are searched, too; 0,0: none.")
 @click.option("--side", type=options.ChoiceFromTable("SIDES", "detect.sea.model", "auto"), default="auto",
               help="For sea: search what is brighter than the water around, or also what is darker. auto: bright from "
               "pixels of 5 m on, else both.")
@@ -73,18 +73,18 @@ def pair(kind: Callable[[str], float], name: str, example: str) -> Callable[...,
               help="Give objects a speed and a heading; needs three bands or more at known, different times.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option("--merge-distance", type=click.FloatRange(0), default=0.0, metavar="PIXELS",
-              help="Parts that are at most so far apart are one object.")
+              help="Merge parts up to this distance apart into one object.")
 @options.reading
 @options.heading("Output")
 @click.option("--save-background", type=options.FILE, metavar="FILE.json",
               help="Write the fitted background, to use on another scene.")
 @click.option("--objects", type=options.FILE, metavar="FILE.geojson|.gpkg",
-              help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a "
+              help="Write outlines, positions (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a "
               "QGIS style.")
 @click.option("--chips", type=options.FILE, metavar="FOLDER",
               help="Write a picture of every object: raw, clean, score.")
 @click.option("--p-value", type=options.FILE, metavar="FILE",
-              help="Write the probability of such a score over a normal background.")
+              help="Write the p-value of every score, for a normal background.")
 @click.option("--flags", type=options.FILE, metavar="FILE",
               help="Write why a pixel has no score, and other notes: 1 nodata, 2 outside --mask, 4 outside "
               "--background, 8 ring of lower rank, 16 ring of too few pixels, 32 water beside land, 64 no water, but "

@@ -53,7 +53,7 @@ def to_wgs84(scene: Scene) -> Move | None:
         except gdal_errors(ValueError):
             places = np.array([[math.inf]])
         if not np.isfinite(places).all():
-            raise InputError(f"objects of {scene.path} lie outside the projection of its CRS. Leave them out: --mask.")
+            raise InputError(f"objects of {scene.path} lie outside the valid area of its CRS. Exclude them: --mask.")
         return [(x, y) for x, y in places.T.tolist()]
 
     try:
@@ -93,7 +93,7 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
     if area is None or move is None:
-        raise InputError(f"--moving needs the size of a pixel, and {scene.path} has no CRS on the Earth. Leave it out.")
+        raise InputError(f"--moving needs the size of a pixel; {scene.path} has no CRS of Earth. Leave out --moving.")
     pixel, out = math.sqrt(area), list[dict[str, float | None]]()
     reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
     for o in found:

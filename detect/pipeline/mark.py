@@ -63,10 +63,11 @@ class Marker:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
             above = clutter.tail.above(value)
             rate = (above or 0) / max(clutter.tail.n, 1)
-            notes = [] if clutter.fitted else ["too few candidates to fit a law to their peaks: their ranks are used"]
+            notes = [] if clutter.fitted else ["too few candidates to fit a distribution: the threshold is from ranks"]
             if self._strata * (len(clutter.clouds) - 1) / clutter.area > recipe.false_per_km2:
                 notes.append(f"{len(clutter.clouds)} round objects, so probably clouds, are left out; --pfa lists them")
-            return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=tuple(notes))
+            got, asked = None if above is None else rate, {"false_per_km2": recipe.false_per_km2}
+            return Threshold(value, "peaks", rate, got, clutter.tail.n, numbers=asked, notes=tuple(notes))
         return from_quantile(clutter.tail, pfa) if recipe.threshold == "empirical" else clutter.threshold(pfa)
 
     @cached_property

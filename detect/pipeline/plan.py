@@ -161,15 +161,15 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[R
     if not why:
         try:
             searched = replace(recipe, method="sea")
-            said = "there is water to compare with" if recipe.mask in ("auto", "water") else "--mask says where it is"
-            return *_masked(scene, searched, threads), f"auto: sea, since {said}"
+            said = "water was found" if recipe.mask in ("auto", "water") else "--mask gives the water"
+            return *_masked(scene, searched, threads), f"method auto: sea ({said})"
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
-            why = re.split(r"; |\. ", str(error))[0]
+            why = re.split(r"; |\. |, so that", str(error))[0]
     if recipe.false_per_km2 is not None:
-        raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --method sea.")
-    return *_masked(scene, replace(recipe, method=method), threads), f"auto: {method}, since {why}"
+        raise InputError(f"--false-per-km2 needs method sea; auto chose {method} ({why}). Give --pfa, or --method sea.")
+    return *_masked(scene, replace(recipe, method=method), threads), f"method auto: {method} ({why})"
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
@@ -228,11 +228,11 @@ def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
     others = {option: name for name, kind in DETECTORS.items() if name != "sea" for option in kind.options}
     for name, method in (others | {"background": "rx", "covariance": "rx"}).items():
         if getattr(recipe, name) != getattr(Recipe, name):
-            return method, f"--{name} is an option of it"
+            return method, f"--{name} is for {method}"
     if recipe.threshold in ("chi2", "f"):
-        return "rx", f"--threshold {recipe.threshold} is the law of its scores"
+        return "rx", f"--threshold {recipe.threshold} is for rx scores"
     reasons = (
-        (single, "it compares all pixels with one background"),
+        (single, "one background for all pixels is needed"),
         (bands > _MANY, f"{bands} bands distinguish targets by their spectrum"),
         (pixels < LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
     )

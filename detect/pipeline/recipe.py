@@ -95,11 +95,11 @@ class Recipe:
                 raise InputError(f"{said}: leave it out, or take {owner}.")
         if self.kind.matrices is None and (self.background or self.covariance not in self.kind.covariances):
             raise InputError(
-                f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
+                f"{method} has a background of its own for every pixel: leave out --background; --covariance must be "
                 f"{' or '.join(self.kind.covariances)}."
             )
         if self.ridge != RIDGE and self.covariance != "ridge":
-            raise InputError("--ridge is for --covariance ridge: give that, too.")
+            raise InputError("--ridge needs --covariance ridge: give both.")
         if rate is not None and not rate > 0:
             raise InputError(f"false-per-km2: allowed is above 0, got {rate}.")
         if rate is not None and self.pfa is not None:
@@ -155,7 +155,7 @@ class Outputs:
         if self.objects and self.objects.suffix.lower() not in SUFFIXES:
             raise InputError(f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}.")
         if self.p_value and not recipe.kind.law:
-            raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
+            raise InputError(f"{recipe.method} scores have no known distribution: no p-values. Take --method rx.")
         if self.background and recipe.kind.matrices is None:
             remedy = "Leave out --save-background, or take --method rx"
             raise InputError(f"{recipe.method} has a background for every pixel, none to save. {remedy}.")

@@ -151,7 +151,7 @@ def _run(
 ) -> Result:
     """Do all steps of `score_file` for an open scene: fit, score, mark objects, and write the files `targets`."""
     begun = time.perf_counter()
-    log_scene(scene)
+    log_scene(scene, pixel=False)  # for sea, `_notes_on` states it
     plan = make_plan(scene, recipe, threads, single=bool(targets.p_value or targets.background))
     if recipe.moving:
         motions(scene, plan.pixel_area, [])  # raises before the long work if times or the size of a pixel are unknown
@@ -172,7 +172,7 @@ def _run(
             outside = "every pixel is nodata" if counts.masked_out < counts.total else "no pixel lies inside the mask"
             why = "no ring holds two valid pixels" if counts.too_few else outside
             if recipe.method == "lines":
-                why = "no line comes after 4 valid pixels per band in other lines (--method rx scores a single line)"
+                why = "no line has 4 valid pixels per band in the lines before it (use --method rx for few lines)"
             raise NoWaterError(f"nothing to score in {scene.path}: {why}. Check --nodata and --mask.")
         threshold, found = None, None
         if tail is not None:
@@ -264,7 +264,7 @@ def _describe(
 
 def _notes_on(plan: Plan) -> list[str]:
     """Notes on the decisions of a run, one line each."""
-    notes = [f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    notes = [f"{plan.recipe.method} on {len(plan.bands)} band{'s' * (len(plan.bands) != 1)}: {', '.join(plan.names)}"]
     if plan.sea and plan.model:
         unknown = f"of unknown size, taken as {UNKNOWN_PIXEL:g} m (--sensor FILE.toml states it)"
         size = f"{plan.sea.pixel:.3g} m" if plan.pixel_area else unknown
@@ -284,12 +284,10 @@ def _warnings_of(plan: Plan, threshold: Threshold | None, counts: PixelCounts) -
     said = []
     if background := plan.background:
         if extra := background.bands - background.rank:
-            said.append(f"{extra} of {background.bands} bands do not vary or follow from others: they do not count")
-        if background.n < _FEW_PIXELS * background.bands:
-            said.append(
-                f"the background has {background.n} pixels for {background.bands} bands: scores follow F, "
-                "not chi-squared (--threshold f), or take --covariance ledoit-wolf"
-            )
+            said.append(f"{extra} of {background.bands} bands are constant or combine others: they add nothing")
+        usual = plan.recipe.covariance == "empirical" and plan.recipe.threshold != "f"
+        if usual and background.n < _FEW_PIXELS * background.bands:
+            said.append(f"few pixels in the background, {background.n}: use --covariance ledoit-wolf, or --threshold f")
     for count, state in zip((counts.deficient, counts.too_few), STATES, strict=True):
         if count:
             said.append(f"{count} of {counts.total} pixels: {STATES[state]}")
@@ -319,5 +317,5 @@ def _removal_without_effect(plan: Plan) -> str | None:
         return None
     return (
         f"{plan.recipe.method} scores do not change under {method} as long as the NIR is among the bands: "
-        "these are the scores of the glinted scene. For the removal to count, leave the NIR out with -b"
+        "these are the scores before glint removal. Choose bands without the NIR with -b"
     )

@@ -152,8 +152,8 @@ def read_inputs(request: Request) -> Inputs:
     parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
     if parts > many:  # a number may be a class of objects
         notes.append(
-            f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
-            "object (--connected: each part is one)"
+            f"{truth}: {many} object numbers in {parts} separate parts; parts with the same number are one object "
+            "(--connected: each part is one object)"
         )
     return Inputs(signed, objects, valid, left_out, scenes[0], tuple(notes))
 
@@ -193,8 +193,10 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
         area = polygons(one, grid, path)
         (top, bottom), (left, right) = np.clip(area.bounds, 0, np.array(out.shape)[:, None]).tolist()
         out[top:bottom, left:right][area.read(((top, bottom), (left, right)))] = number
+    if not out.any():
+        raise InputError(f"TRUTH {path}: no feature contains a pixel centre of the scores. Check its position and CRS.")
     if lost := len(features) - np.count_nonzero(np.unique(out)):
-        notes.append(f"{lost} of {len(features)} features of {path} hold no pixel's centre of their own: left out")
+        notes.append(f"{lost} of {len(features)} features of {path} contain no pixel centre of their own: left out")
     return out
 
 
@@ -203,7 +205,7 @@ def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
     if not same_grid(raster_of(scene).info, grid):
         sizes = [f"{s.height} x {s.width} pixels" for s in (scene, grid)]
         raise InputError(
-            f"{name} ({sizes[0]}) and {reference} ({sizes[1]}) must lie on one grid, of one size, place and CRS. "
+            f"{name} ({sizes[0]}) and {reference} ({sizes[1]}) must have the same size, geotransform and CRS. "
             "Warp one to the other, for example with rio warp --like."
         )
 

@@ -107,7 +107,7 @@ class Clutter:
         if pfa * self.tail.n < 1:
             notes.append(f"the rate is extrapolated: {pfa:g} is less than one pixel of {self.tail.n}")
         if self.confirmed:
-            notes.append(f"large, bright objects are left out of the fit: {left_out}")
+            notes.append(f"large, bright objects are left out of the threshold's fit, not of the results: {left_out}")
         return replace(found, notes=tuple(notes))
 
 

@@ -99,7 +99,7 @@ def test_the_command_scores_line_by_line(rxdetect, write, tmp_path, monkeypatch)
         (("--method", "rx"), 2, "leave out --method rx"),
         (("--covariance", "mcd"), 1, "leave out --background"),
         (("--save-background", "b.json"), 1, "none to save"),
-        (("--p-value", "p.tif"), 1, "no known law"),
+        (("--p-value", "p.tif"), 1, "no known distribution"),
     ],
 )
 def test_what_lines_cannot_do(rxdetect, write, tmp_path, monkeypatch, options, code, message):

@@ -302,20 +302,20 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
     pixels = sea(height=60, width=60)
     pixels[2] = 7
     scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
-    assert "1 of 4 bands do not vary" in rxdetect("score", scene, out, "--method", "rx").err
+    assert "1 of 4 bands are constant" in rxdetect("score", scene, out, "--method", "rx").err
     ran = rxdetect("score", scene, out, "--overwrite", "--method", "local")
-    assert "3600 of 3600 pixels: the ring's covariance" in ran.err
+    assert "3600 of 3600 pixels: covariance of the ring" in ran.err
     small = write(tmp_path / "small.tif", sea(height=5, width=5))
-    assert "scores follow F" in rxdetect("score", small, out, "--overwrite", "--method", "rx").err
+    assert "few pixels in the background" in rxdetect("score", small, out, "--overwrite", "--method", "rx").err
 
 
 @pytest.mark.parametrize(
     ("options", "code", "message"),
     [
         (["--objects", "o.geojson"], 1, "give --pfa"),
-        (["--method", "utd", "--p-value", "p.tif"], 1, "follow no known law"),
+        (["--method", "utd", "--p-value", "p.tif"], 1, "no known distribution"),
         (["--method", "utd", "--pfa", "1e-3", "--threshold", "f"], 1, "--threshold gpd or empirical"),
-        (["--method", "local", "--covariance", "mcd"], 1, "take --covariance empirical or ridge"),
+        (["--method", "local", "--covariance", "mcd"], 1, "--covariance must be empirical or ridge"),
         (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
         (["--method", "sea", "--mask", "none", "--background", "1,1,5,5"], 1, "leave out --background"),
         (["--moving", "--pfa", "1e-3"], 1, "give --objects FILE"),
@@ -328,17 +328,17 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
         (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
         (["--method", "subspace", "--drop", "4"], 1, "drop: want 0 to 3"),
-        (["--method", "rx", "--window", "3,9"], 1, "--window is for method local, not rx: leave it out, or take local"),
+        (["--method", "rx", "--window", "3,9"], 1, "--window is for method local, not rx"),
         (["--method", "local", "--drop", "2"], 1, "--drop is for method subspace, not local"),
         (["--method", "rx", "--largest-object", "9,3"], 1, "--largest-object is for method sea, not rx"),
         (["--window", "3,9", "--drop", "2"], 1, "--drop is for method subspace, not local"),
-        (["--ridge", "0.1"], 1, "--ridge is for --covariance ridge"),
+        (["--ridge", "0.1"], 1, "--ridge needs --covariance ridge"),
         (["--pfa", "1e-3", "--min-size", "4"], 1, "are for objects: give --objects FILE"),
         (["--method", "residual", "-b", "1,2"], 1, "needs the NIR among the bands"),
         (["-b", "nonsense"], 1, "nonsense"),
         (["--pfa", "2"], 2, "0<x<1"),
-        (["--pfa", "5%"], 2, "'5%' is not a valid share between 0 and 1, such as 1e-4."),
-        (["--pfa", "1e-6", "--threshold", "empirical"], 1, "less than one. Give 2.3e-05"),
+        (["--pfa", "5%"], 2, "'5%' is not a valid share"),
+        (["--pfa", "1e-6", "--threshold", "empirical"], 1, "Give 2.3e-05"),
         (["--background", "missing.geojson"], 1, "no such file"),
         (["--background", "5000,5000,5,5"], 1, "lies off the scene"),
         (["--background", "0,0,5,5"], 1, "0 valid pixels"),
@@ -352,7 +352,7 @@ def test_refusals_leave_nothing_behind(rxdetect, scene, tmp_path, monkeypatch, o
     ran = rxdetect("score", scene, "out.tif", *options)
     assert ran.code == code, ran
     assert message in ran.err
-    assert "fault" not in ran.err
+    assert "a bug in" not in ran.err
     assert {p.name for p in tmp_path.iterdir()} == {"scene.tif"}
     if code == 1:
         assert len(ran.err.splitlines()) == 1
@@ -425,7 +425,7 @@ def test_tiny_scenes_are_scored_or_refused(tmp_path, sea, write, size, method, r
     options = ("--window", "1,3") if method == "local" else ()
     ran = rxdetect("score", scene, tmp_path / "out.tif", "--method", method, *options)
     assert ran.code == (0 if size != (1, 1) else 3 if method == "local" else 1)
-    assert "fault" not in ran.err
+    assert "a bug in" not in ran.err
 
 
 def test_python_gives_the_result_of_the_file(scene, tmp_path):
@@ -454,5 +454,5 @@ def test_objects_without_a_place_on_the_earth_keep_rows_and_columns(rxdetect, se
 def test_a_corner_outside_the_projection_is_refused_in_one_line(write, sea, tmp_path):
     place = {"crs": "+proj=geos +h=35785831 +lon_0=0", "transform": rasterio.transform.from_origin(0, 2e6, 2e5, 2e5)}
     move = to_wgs84(open_scene(write(tmp_path / "disc.tif", sea(20, 20), **place)))
-    with pytest.raises(InputError, match="outside the projection"):
+    with pytest.raises(InputError, match=r"outside.*CRS.*--mask"):
         move([(1, 1), (500, 1)])

@@ -247,13 +247,20 @@ def test_geopackage_holds_what_geojson_does(rxdetect, scene, tmp_path):
 
 def test_a_rate_per_area_is_not_called_a_requested_rate_per_pixel(rxdetect, scene, tmp_path):
     ran = rxdetect("score", scene, tmp_path / "out.tif", "--false-per-km2", "1")
-    assert "(peaks): Pfa observed" in ran.err, ran.err
+    assert says(ran.err, "(peaks): requested 1 false objects per km2", "observed Pfa"), ran.err
 
 
 def test_pixels_without_coordinates_have_the_size_in_the_tag(rxdetect, write, tmp_path):
     path = write(tmp_path / "a.tif", port()[0], crs=None, describe=lambda d: d.update_tags(GSD_M="8"), transform=None)
     ran = rxdetect("score", path, tmp_path / "out.tif", "--method", "sea", "--false-per-km2", "1")
     assert "pixels 8 m" in ran.err, ran.err
+
+
+def test_the_size_assumed_for_pixels_is_logged_once(rxdetect, write, tmp_path):
+    path = write(tmp_path / "a.tif", port()[0], crs=None, transform=None)
+    ran = rxdetect("score", path, tmp_path / "out.tif", "--method", "sea")
+    assert "taken as 10 m" in ran.err, ran.err
+    assert "below 1 m" not in ran.err
 
 
 def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
@@ -268,13 +275,13 @@ def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "method", "why"),
     [
-        ((), "sea", "there is water"),
+        ((), "sea", "water was found"),
         (("--nir", "1"), "rx", "no near infrared"),
-        (("--background", "0,0,50,50"), "rx", "--background is an option of it"),
-        (("--window", "3,15"), "local", "--window is an option of it"),
-        (("--drop", "2"), "subspace", "--drop is an option of it"),
-        (("--threshold", "f", "--pfa", "1e-3"), "rx", "the law of its scores"),
-        (("--mask", "0,0,200,200"), "sea", "--mask says where it is"),
+        (("--background", "0,0,50,50"), "rx", "--background is for rx"),
+        (("--window", "3,15"), "local", "--window is for local"),
+        (("--drop", "2"), "subspace", "--drop is for subspace"),
+        (("--threshold", "f", "--pfa", "1e-3"), "rx", "--threshold f is for rx"),
+        (("--mask", "0,0,200,200"), "sea", "--mask gives the water"),
     ],
 )
 def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, method, why):
@@ -291,7 +298,7 @@ def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, met
         (("--false-per-km2", "1", "--pfa", "1e-3"), "give one of them"),
         (("--false-per-km2", "1", "--method", "rx"), "--false-per-km2 is for method sea, not rx"),
         (("--false-per-km2", "1", "--threshold", "empirical"), "leave out --threshold"),
-        (("--method", "sea", "--covariance", "oas"), "take --covariance empirical"),
+        (("--method", "sea", "--covariance", "oas"), "--covariance must be empirical"),
         (("--method", "sea", "--pfa", "1e-3", "--threshold", "f"), "neither chi-squared nor F"),
         (("--method", "sea", "--save-background", "b.json"), "take --method rx"),
         (("--pfa", "1e-3", "--chips", "chips"), "give --objects"),

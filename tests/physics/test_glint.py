@@ -159,7 +159,7 @@ def test_nan_stays_nan():
 
 
 def test_refuses_what_cannot_be():
-    with pytest.raises(InputError, match=r"^sun_zenith .*90 degrees.* 95.*sun is down"):
+    with pytest.raises(InputError, match=r"^sun_zenith .*90 degrees.* 95"):
         glint.facet(95, 0, 0, 0)
     with pytest.raises(InputError, match=r"^view_zenith .*0 to 89 degrees.* 90"):
         glint.facet(30, 0, 90, 0)

@@ -51,7 +51,7 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
         if not _may_be_product(_local(path)):
             raise
         raise ReadError(
-            f"{path} is not a raster GDAL can read, and holds no product that is known with its images "
+            f"{path} is not a raster that GDAL can read, and not a complete product that deglint knows "
             f"({', '.join(PRODUCTS)}). Name the raster files in it."
         ) from error
     return OpenedFiles([info], None, notes)

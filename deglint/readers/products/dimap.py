@@ -39,7 +39,7 @@ def find(container: Container) -> Product | None:
     member, root, tiles = container.only(found, "multispectral images", (container.gdal(m) for m, *_ in found))
     for tile in tiles:
         if container.beside(member, tile) is None:
-            raise InputError(f"{member} names the image {tile[:80]!r}, which does not lie beside it. Get all files.")
+            raise InputError(f"{member} names the image {tile[:80]!r}, which is not in its folder. Download all files.")
     return _product(container, member, root)
 
 
@@ -55,7 +55,7 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     ]
     if any(b.unit is None for b in bands):
         why = "without gains" if processing in _SCALED else f"made for display ({processing})"
-        notes.append(f"the product is {why}: its numbers are taken as they stand")
+        notes.append(f"the product is {why}: file values are used without scaling")
     mission = said(root, ".//Strip_Source/MISSION", ".//MISSION").upper()
     index = said(root, ".//Strip_Source/MISSION_INDEX", ".//MISSION_INDEX")
     when = "T".join(filter(None, (said(root, ".//IMAGING_DATE"), said(root, ".//IMAGING_TIME"))))

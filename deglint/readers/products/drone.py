@@ -78,7 +78,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
     if not re.search(r"_\d+(?:_\d+)?\.tiff?$", members[0], re.IGNORECASE):
         bands.sort(key=lambda b: b.wavelength or 0.0)  # file names that end in letters do not give the order
     if left:
-        notes.insert(0, f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
+        notes.insert(0, f"{', '.join(left)} left out (thermal or panchromatic); to use one, name its file as IN")
     notes = list(dict.fromkeys([*notes, UNREGISTERED]))
     tags = tags_of({"acquired": infos[0].tags.get("", {}).get("TIFFTAG_DATETIME")})
     return Product(_kind(facts), capture, tuple(bands), _sensor(facts), tags, tuple(notes))
@@ -156,7 +156,7 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
     """Scale, offset, unit and `FlatField` of a raw capture, as fields of `ProductBand` ({} if unknown), and notes."""
     found = None if info.dtypes[0] != "uint16" else _micasense(info, facts) or _dji(facts)
     if found is None:
-        return {}, ["the XMP says nothing of exposure: the numbers are taken as they stand"]
+        return {}, ["the XMP has no exposure: file values are used without scaling"]
     scale, unit, flat = found
     words = [word for word, there in (("vignette", flat.polynomial), ("row gradient", flat.row_gradient)) if there]
     note = f"{', '.join(['exposure, gain and black level', *words])} are corrected as the XMP says"

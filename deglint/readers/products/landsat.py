@@ -19,7 +19,7 @@ _MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE
 SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing."""
 _WITHOUT_MTL = {
-    "1": "the numbers are taken as they stand. Download it again, or give --scale and --offset",
+    "1": "file values are used without scaling. Download the MTL file again, or give --scale and --offset",
     "2": f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed",
 }
 LANDSAT_ORBIT = 705_000.0

@@ -58,7 +58,7 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
     preset = sensors.find(preset_name)
     plain = enhanced in _NOT_ENHANCED
     if not plain:
-        notes.append(f"the image is enhanced ({enhanced}): its numbers are no radiance, and are taken as they stand")
+        notes.append(f"the image is enhanced ({enhanced}): file values are used without scaling, not as radiance")
     bands, known = [], [*(preset.bands if preset else ()), *sensors.load("worldview3").bands]
     for letter in _letters(root):
         named = (b.name for b in known if b.answers_to(f"BAND_{letter}"))
@@ -66,7 +66,7 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
         band = ProductBand(container.gdal(image), next(named, "PAN" if letter == "P" else letter), nodata=0.0)
         bands.append(replace(band, scale=factor / width, unit=PRODUCT_UNIT) if plain and factor and width else band)
     if plain and any(b.unit is None for b in bands):
-        notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")
+        notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: file values are used without scaling")
     facts = {
         "acquired": ("FIRSTLINETIME", "TLCTIME"),
         "sun_azimuth": ("MEANSUNAZ",),
@@ -99,7 +99,7 @@ def _image(container: Container, stem: str) -> str | None:
         names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]
         tiles = [container.beside(til, n) if re.fullmatch(r"[\w. +-]+", n) else None for n in names]
         if None in tiles or not tiles:
-            raise InputError(f"{til}: not every tile that it names lies beside it. Name one image, or get them all.")
+            raise InputError(f"{til}: some tiles that it lists are not in its folder. Name one tile, or add the rest.")
         return til if len(tiles) > 1 else tiles[0]
     fits = re.compile(re.escape(stem) + r"\.(?:tiff?|ntf)", re.IGNORECASE)
     return next((n for n in container.names if fits.fullmatch(n)), None)

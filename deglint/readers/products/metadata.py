@@ -268,7 +268,7 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
         if info.alpha is not None and info.count + 1 == len(bands):
             info = describe_file(path, alpha_is_band=True)
         if info.count != len(bands) and len(bands) > 1:
-            notes.append(f"{path} has {info.count} bands, the metadata {len(bands)}: they are not used")
+            notes.append(f"{path} has {info.count} bands, the metadata {len(bands)}: the metadata are not used")
             infos.append(info)
             continue
         if own := scaled_by_itself(info):

@@ -45,8 +45,8 @@ def find(container: Container) -> Product | None:
     if unit:
         bands = [replace(b, scale=s, unit=unit) for b, s in zip(bands, scales, strict=True)]
     else:
-        remedy = "they are taken as they stand. Put it beside the image, or give --scale"
-        notes.append(f"no *_metadata.xml says how the numbers become reflectance: {remedy}")
+        remedy = "file values are used without scaling. Put this file beside the image, or give --scale"
+        notes.append(f"*_metadata.xml with the scale is missing: {remedy}")
     view_angle = said(root, ".//spaceCraftViewAngle", ".//view_angle")
     facts: dict[str, object] = {
         "instrument": instrument,

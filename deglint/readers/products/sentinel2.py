@@ -24,7 +24,7 @@ PIXELS = dict(zip(_BAND_CODES, (60, 10, 10, 10, 20, 20, 20, 10, 20, 60, 60, 20, 
 """Pixel size of each band [m]."""
 _QUANTUM = 10_000.0  # file value of reflectance 1 if the metadata do not give it
 _AS_STORED = (
-    "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
+    "scale and offset are not known: file values are used without scaling. Give --scale and "
     "--offset, or download the metadata again"
 )
 
