@@ -21,7 +21,7 @@ from deglint import Recipe, open_scene
 from .files import DATA, removed
 from .timing import say
 
-Array = npt.NDArray[np.float64]
+Table = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.intp]
 
 FOLDER = DATA / "real" / "sdb"
@@ -41,7 +41,7 @@ LEAST_OF_MEDIAN = 1e-4
 """Share of a band's median; smaller values are raised to it before the logarithm."""
 
 
-def soundings(path: Path) -> Array:
+def soundings(path: Path) -> Table:
     """Read the first three columns, X, Y and depth, of a dBASE table of numbers, (row, 3)."""
     data = path.read_bytes()
     count, head, size = struct.unpack("<IHH", data[4:12])
@@ -51,7 +51,7 @@ def soundings(path: Path) -> Array:
     return np.array([[float(row[a : a + w]) for a, w in zip(starts[:3], widths[:3], strict=False)] for row in rows])
 
 
-def predictors(bands: Array) -> dict[str, Array]:
+def predictors(bands: Table) -> dict[str, Table]:
     """Predictors (row, column) of each regression, by its name; `bands` are blue, green and red, (3, row)."""
     logs = np.log(np.maximum(bands, LEAST_OF_MEDIAN * np.median(bands, axis=1, keepdims=True)))
     ratio = np.log(1000 * np.maximum(bands, 1e-6))
@@ -59,7 +59,7 @@ def predictors(bands: Array) -> dict[str, Array]:
     return {"log bands": np.stack([*logs, one], axis=1), "log ratio": np.stack([ratio[0] / ratio[1], one], axis=1)}
 
 
-def inside(path: Path, soundings: Array) -> tuple[Array, Array, Numbers, Numbers]:
+def inside(path: Path, soundings: Table) -> tuple[Table, Table, Numbers, Numbers]:
     """Read an image. Return its bands, and depth, row and column of the soundings that lie inside it."""
     scene = open_scene(path)
     column, row = (np.floor(v).astype(int) for v in ~scene.transform * (soundings[:, 0], soundings[:, 1]))
@@ -67,7 +67,7 @@ def inside(path: Path, soundings: Array) -> tuple[Array, Array, Numbers, Numbers
     return scene.read().astype(np.float64), soundings[on, 2], row[on], column[on]
 
 
-def squared_errors(columns: Array, depth: Array, square: Numbers) -> Array:
+def squared_errors(columns: Table, depth: Table, square: Numbers) -> Table:
     """Squared error of each depth as predicted from other parts, mean over `DIVISIONS` [squared unit of depth]."""
     line, split = LinearRegression(fit_intercept=False), LeaveOneGroupOut()
     found = [cross_val_predict(line, columns, depth, groups=parts(square, s), cv=split) for s in range(DIVISIONS)]
@@ -84,7 +84,7 @@ def parts(square: Numbers, seed: int = 0) -> Numbers:
     return np.asarray((np.random.default_rng(seed).permutation(square.max() + 1) % BLOCKS)[square])
 
 
-def difference(found: Array, raw: Array, square: Numbers) -> tuple[float, float]:
+def difference(found: Table, raw: Table, square: Numbers) -> tuple[float, float]:
     """RMSE after removal minus RMSE of the raw image, from squared errors; and its standard error by a bootstrap."""
     sums = np.stack([np.bincount(square, v) for v in (found, raw, np.ones(len(raw)))])
     drawn = np.random.default_rng(0).integers(0, sums.shape[1], (1000, sums.shape[1]))
@@ -97,7 +97,7 @@ def main() -> None:
     if not FOLDER.exists():
         print(f"no soundings at {FOLDER}: nothing was measured")
         return
-    image, rows, head, before = FOLDER / "image.tif", [], ["bands"], dict[str, Array]()
+    image, rows, head, before = FOLDER / "image.tif", [], ["bands"], dict[str, Table]()
     raw, depth, row, column = inside(image, soundings(FOLDER / "depth_sample.dbf"))
     square = squares(row, column)
     for name, recipe in DEPTH_RECIPES.items():

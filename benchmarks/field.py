@@ -33,7 +33,7 @@ from .scenes import Known, deglinted, scenes
 from .timing import ROOT, fill, in_turns, machine, table
 
 Array = npt.NDArray[np.floating[Any]]
-Run = Callable[[Path, Told], Array]
+Entry = Callable[[Path, Told], Array]
 
 NIR_WAVELENGTH = 833.0
 """The other programs get the band nearest to this wavelength as their NIR band [nm]."""
@@ -68,7 +68,7 @@ def told_of(known: Known) -> Told:
     return Told(image, full, int(np.argmin(np.abs(np.array(waves) - NIR_WAVELENGTH))), known.visible, waves, deep)
 
 
-def other(remove: Remove) -> Run:
+def other(remove: Remove) -> Entry:
     """A function that runs another program, with the same parameters as for deglint and without its messages."""
 
     def run(_path: Path, told: Told) -> Array:
@@ -79,9 +79,9 @@ def other(remove: Remove) -> Run:
     return run
 
 
-def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
+def programs(folder: Path | None) -> tuple[dict[str, Entry], dict[str, str]]:
     """Programs that can run, by name, and for the others, by name, the reason why they cannot."""
-    ready: dict[str, Run] = {
+    ready: dict[str, Entry] = {
         "raw": lambda _path, told: told.image,
         "deglint remove": lambda path, _told: deglinted(path)[0],
         "deglint, Hedley": lambda path, _told: deglinted(path, Recipe(method="hedley", compensate="off"))[0],
@@ -132,7 +132,7 @@ class PixelCounts:
     lost: list[float] = field(default_factory=list)  # share of pixels that have no value afterwards, of each scene
 
 
-def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, PixelCounts]:
+def measured(ready: Mapping[str, Entry], quick: bool) -> dict[str, PixelCounts]:
     """Run every program on every scene. Return the results by the program's name."""
     out = {name: PixelCounts() for name in ready}
     for group, known in scenes(quick):
@@ -152,7 +152,7 @@ def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, PixelCounts]:
     return out
 
 
-def put_targets(sea: Sea, ready: Mapping[str, Run], out: Mapping[str, PixelCounts]) -> None:
+def put_targets(sea: Sea, ready: Mapping[str, Entry], out: Mapping[str, PixelCounts]) -> None:
     """Put white targets of 2, 3 and 5 pixels into a scene, run every program, and add the contrast left to `out`."""
     there, targets = implant(sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
     told, units = told_of(Known.of(sea.path)), scale(sea.sensor)
@@ -172,7 +172,7 @@ def large(place: Path, side: int) -> tuple[Path, Told]:
     return path, replace(told, image=values(path), deep=np.tile(told.deep, (times, times))[:side, :side])
 
 
-def times(ready: Mapping[str, Run], quick: bool, side: int) -> dict[str, float]:
+def times(ready: Mapping[str, Entry], quick: bool, side: int) -> dict[str, float]:
     """Processor time of each program [s], from image in memory (deglint: from file) to corrected image."""
     with tempfile.TemporaryDirectory() as place:
         path, told = large(Path(place), side)

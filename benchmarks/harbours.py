@@ -18,7 +18,7 @@ from deglint.masks import Roles, fit_water, water
 from deglint.masks.sample import deep_water, fit_sample
 
 from .files import plane, removed, values
-from .implants import GRID_STEP, SIZES, Array, survive
+from .implants import GRID_STEP, SIZES, Image, survive
 from .timing import say
 
 Mask = npt.NDArray[np.bool_]
@@ -31,7 +31,7 @@ HARBOUR_RECIPES = {
 """Hedley's method as published, and the default."""
 
 
-def kept(folder: Path, name: str, recipe: Recipe) -> tuple[Array, Array]:
+def kept(folder: Path, name: str, recipe: Recipe) -> tuple[Image, Image]:
     """Share of its contrast that each ship keeps, (ship, band), and noise of deep water, (band,): B02, B03, B04.
 
     A labelled ship counts if at least a third of the ring 5 to 15 pixels from its brightest pixel is water.
@@ -45,7 +45,7 @@ def kept(folder: Path, name: str, recipe: Recipe) -> tuple[Array, Array]:
     return after / before, _noise(clean, deep_water(image, fit_sample([image], rule)))
 
 
-def _contrast(image: Array, labels: npt.NDArray[Any], sea: Mask, number: int) -> Array | None:
+def _contrast(image: Image, labels: npt.NDArray[Any], sea: Mask, number: int) -> Image | None:
     """Brightest pixel of a ship minus the median of the water 5 to 15 pixels away, (band,); None without such water."""
     rows, columns = np.nonzero(labels == number)
     if not rows.size:
@@ -62,10 +62,10 @@ def _contrast(image: Array, labels: npt.NDArray[Any], sea: Mask, number: int) ->
     return np.array(out)
 
 
-def _noise(image: Array, deep: Mask) -> Array:
+def _noise(image: Image, deep: Mask) -> Image:
     """Standard deviation of deep water from its local mean (31 x 31 pixels), without the largest 0.01 %, (band,)."""
 
-    def box(values: Array) -> Array:
+    def box(values: Image) -> Image:
         return cv2.boxFilter(values, -1, (31, 31), normalize=False, borderType=cv2.BORDER_CONSTANT)
 
     count, out = np.maximum(box(deep.astype(np.float64)), 1), []
@@ -127,7 +127,7 @@ def _places(sea: Mask) -> list[tuple[slice, slice]]:
     return out
 
 
-def _planted(source: Path, path: Path, places: Sequence[tuple[slice, slice]], value: int) -> Array:
+def _planted(source: Path, path: Path, places: Sequence[tuple[slice, slice]], value: int) -> Image:
     """Write a copy of a file with `value` in all bands at the places. Return its physical values."""
     shutil.copyfile(source, path)
     with rasterio.open(path, "r+") as out:

@@ -29,8 +29,8 @@ from detect.bench.numbers import VISIBLE_BANDS
 
 from .files import DATA, plane, values
 
-Array = npt.NDArray[np.float64]
-Curve = Callable[[Array], Array]
+Image = npt.NDArray[np.float64]
+Curve = Callable[[Image], Image]
 Kind = tuple[str, int]
 
 SENSOR = preset("thesis")
@@ -57,12 +57,12 @@ COLOURS: dict[str, Curve] = {
 """Reflectance by wavelength [nm]; "blue dye" is bright in the near infrared, as many dyes are."""
 
 
-def reflectance(colour: str, sensor: Sensor) -> Array:
+def reflectance(colour: str, sensor: Sensor) -> Image:
     """Mean reflectance of a colour in each band of a sensor, (band,)."""
     return np.array([COLOURS[colour](np.arange(b.low, b.high + 1)).mean() for b in sensor.bands])
 
 
-def scale(sensor: Sensor) -> Array:
+def scale(sensor: Sensor) -> Image:
     """Radiance of one digital number in each band, (band, 1, 1)."""
     return np.array([sensor.scale(b) for b in sensor.bands])[:, None, None]
 
@@ -82,22 +82,22 @@ class Sea:
     """A scene: its file; image, truth and glint in digital numbers, (band, row, column); and objects under water."""
 
     path: Path
-    image: Array
-    truth: Array
-    glint: Array
+    image: Image
+    truth: Image
+    glint: Image
     objects: npt.NDArray[Any]
     sensor: Sensor = SENSOR
 
 
 @cache
-def white(sensor: Sensor) -> Array:
+def white(sensor: Sensor) -> Image:
     """Digital numbers of a target of reflectance 1, (band,)."""
     lit = Light(Setup(sensor=sensor))
     return np.asarray((lit.direct + lit.diffuse) / np.pi / scale(sensor).ravel())
 
 
 @cache
-def outline(sensor: Sensor, size: int, down: float, right: float, speed: float) -> Array:
+def outline(sensor: Sensor, size: int, down: float, right: float, speed: float) -> Image:
     """Share of each pixel that a square covers, seen through the optics, (band, `OUTLINE_SIDE`, `OUTLINE_SIDE`).
 
     `size`, and the shift from the middle `down` and `right`, are in pixels; `speed` is to the right [m/s].
@@ -141,7 +141,7 @@ def implant(
     return replace(sea, image=image, truth=truth), found
 
 
-def contrast(clean: Array, without: Array, truth: Array, targets: Sequence[Target], sensor: Sensor = SENSOR) -> Array:
+def contrast(clean: Image, without: Image, truth: Image, targets: Sequence[Target], sensor: Sensor = SENSOR) -> Image:
     """Share of its contrast that each target keeps in image `clean`, given the truth without and with targets."""
     out = []
     for t in targets:
@@ -181,6 +181,6 @@ def write(sea: Sea, path: Path) -> None:
         out.write(np.clip(sea.image, 0, sea.sensor.levels).astype(out.dtypes[0]))
 
 
-def survive(shares: Array) -> float:
+def survive(shares: Image) -> float:
     """Share of the targets that keep 80 to 125 % of their contrast."""
     return float(((shares >= LEAST_KEPT) & (shares <= MOST_KEPT)).mean())

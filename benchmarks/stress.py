@@ -41,7 +41,7 @@ CORNER = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class HardCase:
     """An image (band, row, column). `independent` bands vary and do not follow from others; references use these."""
 
     name: str
@@ -65,32 +65,32 @@ def sea(rows: int, columns: int, seed: int = 0) -> npt.NDArray[np.float64]:
     return np.round(block * 64).clip(640, 127 * 64) / 64
 
 
-def cases() -> Iterator[Case]:
+def cases() -> Iterator[HardCase]:
     """All cases, made one at a time."""
     base = sea(96, 104)
-    yield Case("plain", base)
-    yield Case("offset 1e8", base + 1e8)
-    yield Case("offset 1e4, float32", (base + 1e4).astype(np.float32))
-    yield Case("scale 1e-12", base * 1e-12)
-    yield Case("scale 1e12", base * 1e12)
-    yield Case("denormal float32", (base * 1e-42).astype(np.float32))
+    yield HardCase("plain", base)
+    yield HardCase("offset 1e8", base + 1e8)
+    yield HardCase("offset 1e4, float32", (base + 1e4).astype(np.float32))
+    yield HardCase("scale 1e-12", base * 1e-12)
+    yield HardCase("scale 1e12", base * 1e12)
+    yield HardCase("denormal float32", (base * 1e-42).astype(np.float32))
     collinear, nearly, constant = base.copy(), base.copy(), base.copy()
     collinear[1] = 2 * base[0] - base[2]
-    yield Case("collinear bands", collinear, (0, 2, 3))
+    yield HardCase("collinear bands", collinear, (0, 2, 3))
     nearly[1] = base[0] + (base[1] - base[2]) * 2.0**-17
-    yield Case("collinear but for 1e-5", nearly)
+    yield HardCase("collinear but for 1e-5", nearly)
     constant[1] = 0.1
-    yield Case("a constant band", constant, (0, 2, 3))
+    yield HardCase("a constant band", constant, (0, 2, 3))
     dirty, stray, bright = base.copy(), base.copy(), base.copy()
     dirty[2][np.random.default_rng(2).random(base.shape[1:]) < 0.01] = np.nan
-    yield Case("1 % NaN", dirty)
+    yield HardCase("1 % NaN", dirty)
     stray[3, 0, 0] = 1e15
-    yield Case("one NIR pixel of 1e15", stray)
+    yield HardCase("one NIR pixel of 1e15", stray)
     bright[:, 40, 50] = (1e6, 1.1e6, 0.9e6, 1e6)
-    yield Case("one pixel of 1e6", bright)
+    yield HardCase("one pixel of 1e6", bright)
     for dtype in DTYPES:
-        yield Case(dtype, np.rint(base).astype(dtype))
-    yield Case("1e6 pixels, float32", (sea(1000, 1000, 3) + 1000).astype(np.float32))
+        yield HardCase(dtype, np.rint(base).astype(dtype))
+    yield HardCase("1e6 pixels, float32", (sea(1000, 1000, 3) + 1000).astype(np.float32))
 
 
 def mean_and_covariance(x: Wide) -> tuple[Wide, Wide]:
@@ -118,7 +118,7 @@ def distances(x: Wide, sample: Wide) -> Wide:
     return total
 
 
-def rx_scores(case: Case) -> Wide:
+def rx_scores(case: HardCase) -> Wide:
     """Reference RX score of every pixel; NaN where a band is not finite."""
     flat = case.block.reshape(len(case.block), -1)
     out = np.full(flat.shape[1], np.nan, np.longdouble)
@@ -127,7 +127,7 @@ def rx_scores(case: Case) -> Wide:
     return out.reshape(case.block.shape[1:])
 
 
-def local_scores(case: Case) -> Wide:
+def local_scores(case: HardCase) -> Wide:
     """Reference local RX scores at `PLACES`: each pixel is compared with the ring around it."""
     ring = np.ones((OUTER, OUTER), np.bool_)
     guard = slice(OUTER // 2 - INNER // 2, OUTER // 2 + INNER // 2 + 1)
@@ -142,13 +142,13 @@ def local_scores(case: Case) -> Wide:
     return np.array(found, np.longdouble)
 
 
-def slopes(case: Case) -> Wide:
+def slopes(case: HardCase) -> Wide:
     """Reference slope (least squares) of every other band on the NIR."""
     _, covariance = mean_and_covariance(case.pixels / np.abs(case.pixels).max())
     return np.asarray(covariance[:NIR_BAND, NIR_BAND] / covariance[NIR_BAND, NIR_BAND])
 
 
-def references(case: Case) -> dict[str, tuple[Wide, Wide]]:
+def references(case: HardCase) -> dict[str, tuple[Wide, Wide]]:
     """For every operation its reference, and the values to which its errors are relative."""
     mean, covariance = mean_and_covariance(case.pixels)
     slope, scores, local = slopes(case), rx_scores(case), local_scores(case)
@@ -175,7 +175,7 @@ def digits(found: npt.ArrayLike, right: npt.ArrayLike, scale: npt.ArrayLike | No
 Jobs = dict[str, Callable[[], Any]]
 
 
-def by_deglint(case: Case) -> Jobs:
+def by_deglint(case: HardCase) -> Jobs:
     """Operations of deglint and detect, by name, as functions of no argument."""
     block = case.block
     physical = block if block.dtype in (np.float32, np.float64) else block.astype(np.float64)  # as readers return it
@@ -189,14 +189,14 @@ def by_deglint(case: Case) -> Jobs:
     }
 
 
-def by_numpy(case: Case) -> Jobs:
+def by_numpy(case: HardCase) -> Jobs:
     """The same operations by numpy.cov and numpy.polyfit."""
     flat = case.block.reshape(len(case.block), -1)
     return {"mean": lambda: flat.mean(axis=1), "covariance": lambda: np.cov(flat),
             "slope": lambda: [np.polyfit(flat[NIR_BAND], band, 1)[0] for band in flat[:NIR_BAND]]}  # fmt: skip
 
 
-def by_sklearn(case: Case) -> Jobs:
+def by_sklearn(case: HardCase) -> Jobs:
     """The same operations by EmpiricalCovariance and LinearRegression of scikit-learn."""
     from sklearn.covariance import EmpiricalCovariance
     from sklearn.linear_model import LinearRegression
@@ -215,7 +215,7 @@ def by_sklearn(case: Case) -> Jobs:
     }
 
 
-def by_spectral(case: Case) -> Jobs:
+def by_spectral(case: HardCase) -> Jobs:
     """The same operations by calc_stats and rx of spectral."""
     import spectral
 
@@ -233,7 +233,7 @@ def by_spectral(case: Case) -> Jobs:
 PROGRAMS = {"deglint": by_deglint, "numpy": by_numpy, "scikit-learn": by_sklearn, "spectral": by_spectral}
 
 
-def measure(case: Case) -> dict[str, dict[str, float | None]]:
+def measure(case: HardCase) -> dict[str, dict[str, float | None]]:
     """Correct digits by operation and program; None where a program refuses the case."""
     found: dict[str, dict[str, float | None]] = {}
     refused = (DeglintError, ValueError, TypeError, ArithmeticError, IndexError, NotImplementedError)

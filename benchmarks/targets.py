@@ -19,16 +19,16 @@ from deglint.physics.presets import preset
 
 from .error import whole_and_deep
 from .files import DATA, values
-from .implants import COLOURS, GRID_STEP, SIZES, Array, Sea, contrast, implant, scale, shared, simulated, survive, write
+from .implants import COLOURS, GRID_STEP, SIZES, Image, Sea, contrast, implant, scale, shared, simulated, survive, write
 from .timing import machine, say
 
-Chain = Callable[[Sea, Path], Array]
+Chain = Callable[[Sea, Path], Image]
 
 BESIDE = 0.02
 """A pixel is beside the targets if they change its radiance by less than this share of the water's."""
 
 
-def deglinted(sea: Sea, place: Path) -> Array:
+def deglinted(sea: Sea, place: Path) -> Image:
     """Remove the glint of a scene by default, with files in folder `place`. Return the image in digital numbers."""
     write(sea, place / "in.tif")
     remove_glint(place / "in.tif", place / "out.tif", overwrite=True)
@@ -47,7 +47,7 @@ def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:
             yield name, [simulated(place, wind, patch, seed, sensor) for seed in seeds]
 
 
-def errors(image: Array, truth: Array, without: Array | None = None) -> Array:
+def errors(image: Image, truth: Image, without: Image | None = None) -> Image:
     """Errors of deep water and whole image [%]; given the truth `without` targets, their pixels count as right."""
     if without is not None:
         beside = np.abs(truth - without) < BESIDE * np.median(truth, axis=(1, 2), keepdims=True)
@@ -61,7 +61,7 @@ def survivors(place: Path, quick: bool, chain: Chain = deglinted) -> None:
     table, rows = [], []
     for name, seas in groups(place, quick):
         left: dict[str, dict[tuple[str, bool], list[float]]] = defaultdict(lambda: defaultdict(list))
-        found: dict[str, list[Array]] = defaultdict(list)
+        found: dict[str, list[Image]] = defaultdict(list)
         for sea in seas:
             found["alone"].append(errors(chain(sea, place), sea.truth))
             for seed in range(2 if quick else 4):

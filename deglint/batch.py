@@ -126,7 +126,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Job:
+class BatchJob:
     """One scene of a batch, and the outputs that are made from it."""
 
     scene: ListedScene
@@ -137,14 +137,14 @@ class Job:
         return Outcome(self.scene.name, ";".join(self.scene.paths), str(self.outputs.image), status, reason, **more)
 
 
-def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
+def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[BatchJob]:
     """One job for each scene; raise InputError if scenes have the same output or an output would replace an input."""
     jobs = []
     made: dict[str, Any] = {"dtype": config.dtype, "options": config.options, "request": config.request()}
     for scene in scenes:
         image = config.directory / config.name.replace("{name}", scene.name)
         extras: Any = {name: image.with_name(f"{image.stem}_{name}.{BESIDE[name]}") for name in config.extras}
-        jobs.append(Job(scene, Outputs(image, **made, **extras)))
+        jobs.append(BatchJob(scene, Outputs(image, **made, **extras)))
     names = Counter(path for job in jobs for path in job.outputs.every())
     if twice := next((path for path, count in names.items() if count > 1), None):
         them = ", ".join(job.scene.paths[0] for job in jobs if twice in job.outputs.every())
@@ -161,7 +161,7 @@ def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
     return jobs
 
 
-def state_of(job: Job) -> tuple[str, str]:
+def state_of(job: BatchJob) -> tuple[str, str]:
     """Return status "to do", "finished before" or "failed" (existing outputs do not fit the job), and the reason."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     if not (there := [p for p in every if p.exists()]):
@@ -204,7 +204,7 @@ def run_batch(
     """
     jobs = jobs_of(config, scenes)
     found: dict[int, Outcome] = {}
-    todo: dict[int, Job] = {}
+    todo: dict[int, BatchJob] = {}
 
     def ended(number: int, outcome: Outcome) -> None:
         found[number] = outcome
@@ -231,13 +231,13 @@ def run_batch(
 
 
 def _run_jobs(
-    todo: Mapping[int, Job], config: BatchConfig, count: int, threads: int, ended: Callable[[int, Outcome], None]
+    todo: Mapping[int, BatchJob], config: BatchConfig, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
     """Run jobs on `count` processes of `threads` threads; call `ended` with the key (in `todo`) and outcome of each."""
     workers = [_Worker(config, threads) for _ in range(count)]
     idle = deque(workers)
 
-    def work(job: Job) -> Outcome:
+    def work(job: BatchJob) -> Outcome:
         worker = idle.popleft()  # never empty: there are as many workers as threads of the pool
         done = worker.run(job)
         idle.append(worker)
@@ -273,7 +273,7 @@ class _Worker:
         self.process.start()
         theirs.close()
 
-    def run(self, job: Job) -> Outcome:
+    def run(self, job: BatchJob) -> Outcome:
         """Run a job in the worker process and return its outcome, "failed" after a crash; log the worker's messages."""
         begun = time.perf_counter()
         if not self.process.is_alive():
@@ -313,7 +313,7 @@ def _watch_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _do(job: Job, config: BatchConfig, threads: int) -> Outcome:
+def _do(job: BatchJob, config: BatchConfig, threads: int) -> Outcome:
     try:
         result = remove_glint(job.scene.source, job.outputs, config.recipe, **config.opening, threads=threads)
     except NoWaterError as error:

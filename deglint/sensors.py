@@ -20,7 +20,7 @@ UNVERIFIED = "unverified"
 
 
 @dataclass(frozen=True, slots=True)
-class SensorBand:
+class BandInfo:
     """One band of a sensor: name, wavelength and width [nm], and time offset [s]."""
 
     name: str  # as the manufacturer calls it
@@ -48,12 +48,12 @@ class Optics:
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class SensorInfo:
     """A sensor preset: bands, optics, aliases, and the source and status of the data."""
 
     name: str  # short name
     title: str  # full name
-    bands: tuple[SensorBand, ...]  # in the order of the manufacturer's product
+    bands: tuple[BandInfo, ...]  # in the order of the manufacturer's product
     ordered: bool = True  # False: the order of bands differs between products; they are matched by name or wavelength
     wavelength_status: str = UNVERIFIED  # where the wavelengths of the bands come from; same for widths, groups
     width_status: str = UNVERIFIED  # where the widths come from; by default as those of the wavelengths
@@ -64,7 +64,7 @@ class Sensor:
     aliases: tuple[str, ...] = ()  # other names of the preset
     sources: tuple[str, ...] = ()  # of the data
 
-    def product(self, count: int) -> tuple[SensorBand, ...]:
+    def product(self, count: int) -> tuple[BandInfo, ...]:
         """Bands, in order, of the product with `count` bands; empty if there is none, or if the order of bands varies.
 
         >>> [b.name for b in load("sentinel2").product(4)]
@@ -88,7 +88,7 @@ def names() -> tuple[str, ...]:
     return tuple(_table())
 
 
-def load(name: str) -> Sensor:
+def load(name: str) -> SensorInfo:
     """The sensor preset with this name or alias; case, blanks and punctuation are ignored.
 
     Raises
@@ -106,7 +106,7 @@ def load(name: str) -> Sensor:
     return found
 
 
-def find(name: str) -> Sensor | None:
+def find(name: str) -> SensorInfo | None:
     """The sensor preset with this name or alias, as in `load`, but None if there is no such preset."""
     wanted, every = normalise(name), _table().values()
     return next((s for s in every if wanted in map(normalise, (s.name, *s.aliases))), None)
@@ -118,7 +118,7 @@ def normalise(name: str) -> str:
 
 
 @cache
-def _table() -> dict[str, Sensor]:
+def _table() -> dict[str, SensorInfo]:
     import tomllib
     from importlib.resources import files
 
@@ -126,7 +126,7 @@ def _table() -> dict[str, Sensor]:
     return {name: sensor_from(name, entry) for name, entry in tomllib.loads(text).items()}
 
 
-def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
+def sensor_from(name: str, entry: Mapping[str, Any]) -> SensorInfo:
     """Make the sensor `name` from `entry`, its checked table of `sensors.toml` or of a user's file."""
     values = {"width_status": entry["wavelength_status"], **entry, "name": name}
     time_status = {"time_status": entry.get("time_status", UNVERIFIED)}
@@ -134,4 +134,4 @@ def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
     optics = dict(entry.get("optics", {}))
     if "aperture" in optics and "focal_length" in optics:
         values["optics"] = {"f_number": round(optics["focal_length"] / optics["aperture"], 2), **optics}
-    return cast("Sensor", from_plain(Sensor, values))
+    return cast("SensorInfo", from_plain(SensorInfo, values))

@@ -24,7 +24,7 @@ from .moments import CELL, Crop
 from .scene import Window
 
 Part = TypeVar("Part")
-Run = Callable[..., Iterator[tuple["Tile", Any]]]  # type of functions that run work on tiles, as `run` does
+RunTiles = Callable[..., Iterator[tuple["Tile", Any]]]  # type of functions that run work on tiles, as `run` does
 SAMPLES = 4 << 20  # usual number of values (pixels times bands) in a tile
 MOST_SAMPLES = 32 << 20  # most values in a tile, where the file has large blocks
 SAMPLES_AT_ONCE = 32 << 20  # most values in all tiles in progress at a time; large tiles get fewer threads

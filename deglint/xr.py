@@ -48,7 +48,7 @@ __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 
 log = logging.getLogger(__name__)
 Like = tuple[int, np.dtype[Any]]  # number of bands and data type of a result
-Work = Callable[[Scene, Tile], Raw]  # function that makes a (band, row, column) array of a scene's tile
+TileWork = Callable[[Scene, Tile], Raw]  # function that makes a (band, row, column) array of a scene's tile
 
 
 @checked_keywords()
@@ -288,7 +288,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 @tiling.one_thread_each()
-def over_tiles(opened: ArrayScene, work: Work, reach: int, like: Like, *, step: int, threads: int | None) -> Any:
+def over_tiles(opened: ArrayScene, work: TileWork, reach: int, like: Like, *, step: int, threads: int | None) -> Any:
     """Call `work` on all tiles of the scene `opened`: lazily on the chunks of a Dask array, else at once on threads.
 
     `work` must be picklable; it can read the tile and `reach` pixels around it. `like` is the number of bands and the
@@ -306,7 +306,7 @@ def over_tiles(opened: ArrayScene, work: Work, reach: int, like: Like, *, step: 
     return out
 
 
-def _lazily(opened: ArrayScene, work: Work, reach: int, like: Like, step: int) -> Any:
+def _lazily(opened: ArrayScene, work: TileWork, reach: int, like: Like, step: int) -> Any:
     from dask.array import map_blocks
     from dask.array.overlap import overlap
 
@@ -320,7 +320,7 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: Like, step: int) -
     return map_blocks(task, padded, dtype=like[1], chunks=chunks, meta=meta)
 
 
-def _of_chunk(scene: Scene, info: RasterInfo, work: Work, reach: int, block: Raw, block_info: Any = None) -> Raw:
+def _of_chunk(scene: Scene, info: RasterInfo, work: TileWork, reach: int, block: Raw, block_info: Any = None) -> Raw:
     """Call `work` on a chunk; `block` is the chunk and `reach` pixels around; dask's `block_info` has its position."""
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)

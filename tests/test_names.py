@@ -69,9 +69,9 @@ def test_parts_of_names():
 def test_names_of_distributors_find_the_bands_of_a_sensor(names, sensor, expected):
     if not any(expected):
         with pytest.raises(BandError, match=r"no band name fits.*2 bands"):
-            match(named(*names), sensors.load(sensor))
+            match(named(*names), sensors.load(sensor), ())
         return
-    found, how = match(named(*names), sensors.load(sensor))
+    found, how = match(named(*names), sensors.load(sensor), ())
     assert how == "name"
     assert tuple(b.name if b else None for b in found) == expected
 

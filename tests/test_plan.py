@@ -17,7 +17,7 @@ from deglint.physics.sensor import SensorBand, electrons, noise_equivalent_radia
 from deglint.plan import Limits, Mission, reticle
 from deglint.plan.dataset import summary
 from deglint.plan.picture import place_words
-from deglint.plan.reticle import Light
+from deglint.plan.reticle import Illumination
 
 from .common import table
 
@@ -106,7 +106,7 @@ def test_a_reticle_is_the_physics_room_look_by_look(zenith, azimuth, wind, wind_
 def test_water_is_that_of_the_physics_room_at_every_nanometre(zenith, band):
     made = mission(sun_zenith=zenith, bands=(band,))
     views, turns = np.array([0.0, 13.0, 40.0, 70.0]), np.array([0.2, 90.2, 300.0])
-    found = Light(made, views, turns)
+    found = Illumination(made, views, turns)
     edges = made.channels[0]
     wave = np.arange(edges.low, min(edges.high, 1000.0) + 0.5)[:, None, None]
     direct, diffuse = atmosphere.irradiance(wave, zenith, made.weather)

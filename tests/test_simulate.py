@@ -17,7 +17,7 @@ from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_ar
 from deglint.simulate.artefacts import Kernel
 from deglint.simulate.facets import Facets
 from deglint.simulate.scene import Light
-from deglint.simulate.setup import SlopeModel, experiments
+from deglint.simulate.setup import SlopeModelName, experiments
 from deglint.simulate.underwater import label
 
 from .common import says
@@ -470,7 +470,7 @@ def test_help_names_what_there_is():
     params = import_module("deglint.cli.simulate").simulate.params
     choices = {p.name: p.type.choices for p in params if isinstance(p.type, ChoiceFromTable)}
     assert choices == {"preset": tuple(PRESETS), "sky": sky.SKY_MODELS, "resampling": get_args(Kernel),
-                       "slopes": get_args(SlopeModel), "spectrum": get_args(waves.Spectrum)}  # fmt: skip
+                       "slopes": get_args(SlopeModelName), "spectrum": get_args(waves.WaveSpectrum)}  # fmt: skip
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("deglint", "detect", "benchmarks")
+TYPE = re.compile(r"(?:[A-Z][a-z0-9]+)+")  # name of a class or of an alias of a type
 SOURCES = {path: path.read_text(encoding="utf-8") for room in PACKAGES for path in sorted((ROOT / room).rglob("*.py"))}
 PAGES = {
     path: path.read_text(encoding="utf-8")
@@ -87,6 +88,18 @@ def constants(tree):
             for name, own in pairs:
                 if isinstance(name, ast.Name) and name.id.strip("_").isupper():
                     yield name.id.lstrip("_"), own
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_class_or_type_has_one_definition_in_its_package(package):
+    found = defaultdict(set)
+    for path, text in SOURCES.items():
+        for node in ast.parse(text).body if path.is_relative_to(ROOT / package) else ():
+            if isinstance(node, ast.ClassDef):
+                found[node.name].add(str(path.relative_to(ROOT)))
+            elif isinstance(node, ast.Assign) and TYPE.fullmatch(name := ast.unparse(node.targets[0])):
+                found[name].add(ast.unparse(node.value))  # aliases of one type may be repeated
+    assert {name: places for name, places in found.items() if len(places) > 1} == {}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

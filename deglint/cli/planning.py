@@ -22,12 +22,12 @@ from .running import Console
 
 log = logging.getLogger(__name__)
 PORT = 8765  # default of --port
-Given = dict[str, Any]  # options of the command by name
-Mode = Callable[[Given, Mission, Console], None]
+Options = dict[str, Any]  # options of the command by name
+Mode = Callable[[Options, Mission, Console], None]
 """Function of the options, the mission and the console: it computes a plan, writes its files and prints it."""
 
 
-def mode_of(given: Given) -> Mode:
+def mode_of(given: Options) -> Mode:
     """The function of this module that makes the requested plan. Raises a usage error if options conflict."""
     asked = {
         "--from": over_time if given["start"] or given["end"] or given["every"] else None,
@@ -53,7 +53,7 @@ def mode_of(given: Given) -> Mode:
     return mode
 
 
-def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
+def by_daylight(mode: Mode, given: Options, tables: Mapping[str, Any]) -> Mapping[str, Any]:
     """Set the time of a mission: in a sweep, that of the highest sun; for a page without a time, the next daylight.
 
     Returns the tables of the mission file. In other modes, or without latitude or longitude, they are not changed.
@@ -69,11 +69,11 @@ def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[
     return {**tables, "place": place}
 
 
-def _times(given: Given) -> list[np.datetime64]:
+def _times(given: Options) -> list[np.datetime64]:
     return sweep.times(given["start"], given["end"], given["every"] or 30.0)
 
 
-def one_reticle(given: Given, mission: Mission, _console: Console) -> None:
+def one_reticle(given: Options, mission: Mission, _console: Console) -> None:
     """Make a reticle, the plan of all viewing geometries at one time; write it, and print a summary."""
     found, band = reticle(mission), given["show"]
     if band:
@@ -87,7 +87,7 @@ def one_reticle(given: Given, mission: Mission, _console: Console) -> None:
     click.echo(sentence(geometry) + ("" if geometry is None else f"\n{quality(geometry)}"))
 
 
-def over_time(given: Given, mission: Mission, console: Console) -> None:
+def over_time(given: Options, mission: Mission, console: Console) -> None:
     """Make a plan for a span of time: the best time, and the best viewing geometry at each time."""
     when = _times(given)
     moments, found = [], []
@@ -99,13 +99,13 @@ def over_time(given: Given, mission: Mission, console: Console) -> None:
     _finish(given, lambda: day_picture(mission, moments, shown), sweep.numbers(mission, moments), sweep.table(moments))
 
 
-def under_winds(given: Given, mission: Mission, _console: Console) -> None:
+def under_winds(given: Options, mission: Mission, _console: Console) -> None:
     """Make a plan for an uncertain wind: viewing geometries that no wind of an interval excludes."""
     found = sweep.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 
 
-def flight_line(given: Given, mission: Mission, _console: Console) -> None:
+def flight_line(given: Options, mission: Mission, _console: Console) -> None:
     """Make a plan for a flight line: the heading with the least glint."""
     across, _, along = given["fov"].lower().partition("x")
     try:
@@ -119,7 +119,7 @@ def flight_line(given: Given, mission: Mission, _console: Console) -> None:
     _finish(given, lambda: line_picture(mission, found, said), swath.numbers(mission, found, others), said)
 
 
-def page(given: Given, mission: Mission, _console: Console) -> None:
+def page(given: Options, mission: Mission, _console: Console) -> None:
     """Serve a web page with sliders that change the plan, until the user presses Ctrl-C."""
     from ..plan.serve import serve
 
@@ -127,7 +127,7 @@ def page(given: Given, mission: Mission, _console: Console) -> None:
     serve(mission, port=port, say=log.info, browser=not given["no_browser"])
 
 
-def assumed(given: Given, tables: Tables, mission: Mission) -> list[str]:
+def assumed(given: Options, tables: Tables, mission: Mission) -> list[str]:
     """Lines for the log: times, time zones and winds that are assumed if none is given, and warnings of the mission."""
     out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
@@ -142,7 +142,7 @@ def assumed(given: Given, tables: Tables, mission: Mission) -> list[str]:
     return out + list(mission.cautions)
 
 
-def _finish(given: Given, picture: Callable[[], Image], numbers: Mapping[str, object], lines: list[str]) -> None:
+def _finish(given: Options, picture: Callable[[], Image], numbers: Mapping[str, object], lines: list[str]) -> None:
     """Write `picture` and `numbers` to the output files; print `numbers` as JSON, or the `lines` of text."""
     if given["outs"]:
         outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}

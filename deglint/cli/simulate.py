@@ -38,8 +38,8 @@ def _boat(text: str) -> tuple[float, ...]:
     return right, down, speed, float(heading or 0.0)
 
 
-SPECTRUM = ChoiceFromTable("Spectrum", "deglint.physics.waves")
-SLOPE_LAW = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
+SPECTRUM = ChoiceFromTable("WaveSpectrum", "deglint.physics.waves")
+SLOPE_LAW = ChoiceFromTable("SlopeModelName", "deglint.simulate.setup")
 KERNEL = ChoiceFromTable("Kernel", "deglint.simulate.artefacts")
 OBJECTS = click.Choice(["thesis", "none"], case_sensitive=False)
 BOAT = "A boat of 8 m: its position [m], speed and heading."

@@ -17,7 +17,7 @@ from . import spectra
 from ._checks import Checked, Floats, one_of, ranged
 from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, dispersion
 
-Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
+WaveSpectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
 
 SPECTRA_WIND_RANGE = (1.0, 20.0)  # range of 10 m winds for which the spectra were fitted [m/s]
@@ -36,7 +36,7 @@ class Sea(Checked):
         Wind speed at a height of 10 m [m/s], 1 to 20; azimuth that the wind blows from [degree]; distance over which
         the wind has blown [m], which only JONSWAP uses.
     spectrum, spreading : str
-        Wave spectrum, one of `Spectrum`; directional spreading, one of `Spreading`, by default "elfouhaily" for the
+        Wave spectrum, one of `WaveSpectrum`; directional spreading, one of `Spreading`, by default "elfouhaily" for the
         spectrum of that name, else "half-angle".
     exponent, opposing, short_gain : float
         Exponent s of the cos-2s spreadings "half-angle" and "full-angle"; share of the energy that goes upwind in the
@@ -45,7 +45,7 @@ class Sea(Checked):
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
     wind_from: float = ranged(0.0, -720.0, 720.0, "degrees", "Give the azimuth it blows from.")
-    spectrum: Spectrum = one_of("elfouhaily", get_args(Spectrum))
+    spectrum: WaveSpectrum = one_of("elfouhaily", get_args(WaveSpectrum))
     fetch: float = ranged(100e3, 1e3, 2e6, "m", "Give over which distance the wind has blown; it is for JONSWAP only.")
     spreading: Spreading | None = one_of(None, (None, *get_args(Spreading)))
     exponent: float = ranged(2.0, 0.5, 100.0, "", "It is the s of cos-2s; 2 is as wide as Cox and Munk at 9 m/s.")

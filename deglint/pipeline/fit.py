@@ -74,7 +74,7 @@ def fit_scene(
     threads: int | None = None,
     want_sample: bool = False,
     progress: Progress | None = None,
-    run: tiling.Run = tiling.run,
+    run: tiling.RunTiles = tiling.run,
 ) -> Fitted:
     """Fit a recipe to a scene without correcting it.
 
@@ -115,7 +115,7 @@ def fit_scene(
 
 
 def _fit_overviews(
-    scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
+    scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.RunTiles
 ) -> Fitted:
     """Fit to an overview, which is a part of the scene. If it has no water, or the fit to an automatic sample fails,
     fit to a larger part; the last part is the whole scene.

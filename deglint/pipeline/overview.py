@@ -164,7 +164,7 @@ class Job:
     overview: Overview
     threads: int
     note: Note | None  # called with the numbers of finished tiles and of all tiles
-    run: tiling.Run  # function that processes tiles
+    run: tiling.RunTiles  # function that processes tiles
     want_sample: bool  # return the outline of the sample
     sampler: Sampler | None = None  # for the sample that the recipe selects; None if that is "auto"
 

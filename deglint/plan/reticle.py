@@ -26,7 +26,7 @@ _CARDINAL = {"N": "north", "E": "east", "S": "south", "W": "west"}
 _AROUND = 16  # number of points at `MARGIN` around the best viewing geometry; if possible, none of them is excluded
 
 
-class Light:
+class Illumination:
     """Irradiance and water-leaving radiance in each band, for zenith angles and azimuths of the sensor [degree].
 
     Irradiances are (band,) [W m-2 nm-1], radiances (band, zenith, azimuth) [W m-2 sr-1 nm-1]. The model of deep water
@@ -55,7 +55,7 @@ class Reticle:
 
     Attributes
     ----------
-    mission, light : Mission, Light
+    mission, light : Mission, Illumination
         Parameters of the plan; its irradiances and water-leaving radiances.
     bands : tuple of str
         Names of the bands.
@@ -91,7 +91,7 @@ class Reticle:
         self.bands = tuple(b.name for b in mission.channels)
         self.zenith = np.linspace(0.0, mission.widest, round(mission.widest / mission.step) + 1)
         self.azimuth = np.linspace(0.0, 360.0, round(360.0 / mission.step) + 1)
-        self.light = light = Light(mission, self.zenith, self.azimuth)
+        self.light = light = Illumination(mission, self.zenith, self.azimuth)
         disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
         spark = glint.sun_glint(*mission.sun, self.zenith[:, None], self.azimuth, **wind.options)
         share = glint.probability(spark.density, self.zenith[:, None], spark.tilt, disk)

@@ -16,7 +16,7 @@ from ..checks import described
 from ..errors import BandError, InputError
 from ..raster import RasterInfo
 from ..scene import Band, Scene
-from ..sensors import Optics, Sensor, SensorBand
+from ..sensors import BandInfo, Optics, SensorInfo
 from . import spectral
 from .text import number, positive, read_toml
 
@@ -35,7 +35,7 @@ _KINDS: Mapping[str, tuple[str, Any]] = {
 }
 """For each type of an entry of a sensor file, except lists: its name in messages, and the Python type of its value."""
 _BAND, _OPTICS, _SENSOR = (
-    {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (SensorBand, Optics, Sensor)
+    {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (BandInfo, Optics, SensorInfo)
 )
 _OF_FILE = {k: v for k, v in _SENSOR.items() if k != "name"} | {"time_status": "str"}
 """Type of each entry of a sensor file, as text."""
@@ -121,7 +121,7 @@ def nominal_pixel(scene: Scene) -> float | None:
     return positive(sensor.pixel) if sensor else None
 
 
-def _dialect(names: Sequence[str]) -> Sensor | None:
+def _dialect(names: Sequence[str]) -> SensorInfo | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
     Codes like B02 (with zero), B8A or B12 identify Sentinel-2. So do 3 or more codes with B8 (its NIR) but without B5
@@ -180,7 +180,7 @@ def short_names(stems: Sequence[str]) -> list[str]:
     return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
 
 
-def apply_sensor(bands: Sequence[Band], sensor: Sensor, unnamed: Collection[int] = ()) -> tuple[list[Band], list[str]]:
+def apply_sensor(bands: Sequence[Band], sensor: SensorInfo, unnamed: Collection[int]) -> tuple[list[Band], list[str]]:
     """Add missing wavelengths, widths, time offsets and groups (see `Band`) from a preset; return bands and notes.
 
     `unnamed`: 0-based indexes of bands not named, or only numbered; they get the preset's names. Errors as in `match`.
@@ -201,7 +201,7 @@ def apply_sensor(bands: Sequence[Band], sensor: Sensor, unnamed: Collection[int]
     return filled, notes
 
 
-def match(bands: Sequence[Band], sensor: Sensor, unnamed: Collection[int] = ()) -> tuple[list[SensorBand | None], str]:
+def match(bands: Sequence[Band], sensor: SensorInfo, unnamed: Collection[int]) -> tuple[list[BandInfo | None], str]:
     """Return the preset's band for each band (or None), and the property by which they match ("name", ...), for a note.
 
     `unnamed` is as in `apply_sensor`. Raises BandError if the preset does not fit the bands.
@@ -223,7 +223,7 @@ def match(bands: Sequence[Band], sensor: Sensor, unnamed: Collection[int] = ()) 
     return list(product), f"their number: the file is assumed to hold {assumed}, in this order"
 
 
-def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand]) -> str:
+def _why_not(bands: Sequence[Band], sensor: SensorInfo, product: Sequence[BandInfo]) -> str:
     why = "the wavelengths in the file are not those of the preset"
     if not sensor.ordered:
         why = "its products come in more than one band order, and no band name fits"
@@ -237,7 +237,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
     )
 
 
-def named_in(name: str, sensor: Sensor) -> SensorBand | None:
+def named_in(name: str, sensor: SensorInfo) -> BandInfo | None:
     """The band of a preset with this name, alias or code (a prefix such as "sr_" is ignored); None if no band fits."""
     if answers := [b for wanted in (name, spectral.plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
@@ -246,17 +246,17 @@ def named_in(name: str, sensor: Sensor) -> SensorBand | None:
     return fits[0] if len(fits) == 1 else None
 
 
-def _nearest(wavelength: float, sensor: Sensor) -> SensorBand | None:
+def _nearest(wavelength: float, sensor: SensorInfo) -> BandInfo | None:
     best = min(sensor.bands, key=lambda b: abs(b.wavelength - wavelength))
     return best if abs(best.wavelength - wavelength) <= _NEAR_BAND else None
 
 
-def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
+def _unique(found: list[BandInfo | None]) -> list[BandInfo | None]:
     taken = [b for b in found if b is not None]
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
 
 
-def sensor_of(name: str) -> Sensor:
+def sensor_of(name: str) -> SensorInfo:
     """The preset called `name`, or the sensor in the .toml file `name`. Raises ReadError or InputError on failure."""
     if not name.lower().endswith(".toml"):
         return sensors.load(name)

@@ -21,7 +21,7 @@ from ..scene import Scene
 from .bands import nominal_pixel
 from .text import positive
 
-Number = TypeVar("Number", float, Float64)
+Coordinate = TypeVar("Coordinate", float, Float64)
 _SAME_CORNER = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
 _NEGLIGIBLE_DISTORTION = 0.01  # relative error up to which lengths of a projection are used (UTM has up to 0.001)
@@ -146,7 +146,7 @@ def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
     return [(column, row) for column in (0, info.width) for row in (0, info.height)]
 
 
-def at(transform: Affine, x: Number, y: Number) -> tuple[Number, Number]:
+def at(transform: Affine, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
     """Apply an affine transform to x and y (numbers or arrays); return the transformed x and y."""
     t = transform  # its operator * is not used, as it differs between versions of affine
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f

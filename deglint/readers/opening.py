@@ -27,8 +27,8 @@ from .text import number
 
 Path = str | os.PathLike[str]
 Names = str | Sequence[str]
-Numbers = str | float | Sequence[float]
-Given = Mapping[str, tuple[Any, ...]]
+GivenNumbers = str | float | Sequence[float]
+GivenProperties = Mapping[str, tuple[Any, ...]]
 """For each option of `open_scene` with properties of bands, the values that the user gives: one per band, or none. A
 single scale or offset is for all bands."""
 
@@ -37,9 +37,9 @@ class BandProperties(TypedDict, total=False):
     """Keyword arguments of `open_scene` that give properties of all bands; they are described there."""
 
     bands: Names | None
-    wavelengths: Numbers | None
-    scale: Numbers | None
-    offset: Numbers | None
+    wavelengths: GivenNumbers | None
+    scale: GivenNumbers | None
+    offset: GivenNumbers | None
 
 
 @checked_keywords(*BandProperties.__annotations__)
@@ -106,7 +106,7 @@ def _stacked(
     nir: Wanted | None,
     nodata: float | str | None,
     grid: str | int | None,
-    given: Given,
+    given: GivenProperties,
 ) -> Scene:
     notes: list[str] = []
     assets = [asset for path in paths for asset in assets_of(path)]
@@ -186,8 +186,8 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
     return replace(info, nodatas=tuple(kept))
 
 
-def _given(given: BandProperties) -> Given:
-    """Parse and check the options of `open_scene` that override properties in the files (see `Given`)."""
+def _given(given: BandProperties) -> GivenProperties:
+    """Parse and check the options of `open_scene` that override properties in the files (see `GivenProperties`)."""
     return {
         "bands": _names(given.get("bands")),
         "wavelengths": tuple(map(_nanometres, _numbers("wavelengths", given.get("wavelengths"), "475,560,668,842"))),
@@ -196,7 +196,7 @@ def _given(given: BandProperties) -> Given:
     }
 
 
-def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
+def _with_given(info: RasterInfo, given: GivenProperties) -> RasterInfo:
     """A copy of `info` with the properties `given`. Raises InputError if there are too many or too few values."""
     total, path = info.count, ", ".join(info.paths)
     every = {k: v * total if k in ("scale", "offset") and len(v) == 1 else v for k, v in given.items()}
@@ -236,7 +236,7 @@ def _names(given: Names | None) -> tuple[str, ...]:
     return names
 
 
-def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = True) -> tuple[float, ...]:
+def _numbers(option: str, given: GivenNumbers | None, example: str, *, zero: bool = True) -> tuple[float, ...]:
     if given is None:
         return ()
     values = np.array(given.split(",") if isinstance(given, str) else given, dtype=object).ravel()

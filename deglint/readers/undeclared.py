@@ -47,7 +47,7 @@ ORDER = ("blue", "green", "red", "nir")
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
 Alike = tuple[Tile, Raw, Mask]  # a tile, its file values, and where all bands have the same value
-Block = tuple[Tile, Raw, Mask | None]
+TileValues = tuple[Tile, Raw, Mask | None]
 """A tile, its file values (band, row, column), and the mask of valid values, or None if all are valid."""
 
 
@@ -95,7 +95,7 @@ def undeclared(scene: Scene) -> Undeclared:
     silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
     cut, four = _cut_sentinel2(scene, info), _four(scene)
     if silent or cut or four:
-        blocks: list[Block] = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
+        blocks: list[TileValues] = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
         if silent and info.count > 1:
             same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
             each = (_nodata(value, same, blocks, scene, info) for value in _commonest(same))
@@ -124,10 +124,10 @@ def _tiles(scene: Scene) -> list[Tile]:
     return [Tile(r, min(r + side, size[0]), c, min(c + side, size[1])) for r in rows.tolist() for c in columns.tolist()]
 
 
-def _nodata(value: float, same: list[Alike], blocks: list[Block], scene: Scene, info: RasterInfo) -> Undeclared:
+def _nodata(value: float, same: list[Alike], blocks: list[TileValues], scene: Scene, info: RasterInfo) -> Undeclared:
     """Return `value` as nodata of the bands, or no finding if areas where all bands have it are small or saturated.
 
-    A band with `value` in many pixels where others differ gets no nodata. `same`: see `Alike`; `blocks`: see `Block`.
+    A band with `value` in many pixels where others differ gets no nodata. `same` has `Alike`, `blocks` `TileValues`.
     """
     total = fill = areas = 0
     single, beside = np.zeros(info.count), []
@@ -188,7 +188,7 @@ def _four(scene: Scene) -> bool:
     return unnamed and all(w is None or w < VISIBLE for w in waves[:3])
 
 
-def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
+def _order(scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Undeclared) -> Undeclared:
     """Return `found`, with wavelengths of the four bands if the values in `blocks` agree with the order `ORDER`."""
     nodatas = found.nodatas or info.nodatas
     dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
@@ -209,7 +209,7 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
     return replace(found, wavelengths=waves, notes=(*found.notes, f"{said}; if they are not, pass --bands NAMES"))
 
 
-def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
+def _offset(scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Undeclared) -> Undeclared:
     """Return `found`, with the offset of Sentinel-2 if values in `blocks` show it, or a note if they may have it."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     waves = [b.wavelength or 0.0 for b in scene.bands]
@@ -226,7 +226,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
     return replace(found, offsets=offsets, notes=(*found.notes, note))
 
 
-def _percentiles(blocks: list[Block], nodatas: Nodatas, percent: float) -> list[float]:
+def _percentiles(blocks: list[TileValues], nodatas: Nodatas, percent: float) -> list[float]:
     """Percentile `percent` of each band's valid file values in pixels where not all bands are 0; infinite if none."""
     out = []
     for band, nodata in enumerate(nodatas):

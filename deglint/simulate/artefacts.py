@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..physics._checks import Checked, Floats, one_of, ranged
 
-Numbers = npt.NDArray[np.uint16]
+DigitalNumbers = npt.NDArray[np.uint16]
 Kernel = Literal["bilinear", "cubic", "lanczos"]
 
 GRID_SHIFT = 0.5
@@ -44,7 +44,7 @@ def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> 
     return np.asarray(radiance * np.maximum(gain, 0.0))
 
 
-def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
+def resample(numbers: DigitalNumbers, kernel: Kernel, levels: int) -> DigitalNumbers:
     """Interpolate a band from the sensor's grid, which lies `GRID_SHIFT` pixels down and right, to the map's grid.
 
     `numbers` are digital numbers (row, column); the result is at most `levels`, the largest digital number.
@@ -55,7 +55,7 @@ def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
     return np.minimum(np.asarray(moved, np.uint16), np.uint16(levels))
 
 
-def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
+def compress(numbers: DigitalNumbers, quality: int, levels: int) -> DigitalNumbers:
     """Compress the digital numbers (row, column) of a band as an 8-bit JPEG, and decompress them.
 
     Each byte is 255 sqrt(number / `levels`), where `levels` is the largest digital number of the sensor, so that the

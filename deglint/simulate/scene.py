@@ -21,7 +21,7 @@ from .setup import Setup, check_one_sea
 from .underwater import LEAST_DEPTH, MOST_DEPTH, depth_and_patches, label
 
 Numbers = npt.NDArray[np.integer[Any]]
-Progress = Callable[[int, int], object]
+BandProgress = Callable[[int, int], object]
 DEPTH_STEPS = 128  # number of depths at which the light over a bottom is computed, each 5 % deeper than the one before
 
 
@@ -120,7 +120,7 @@ class SimulatedScene:
 
 
 def simulate(
-    setup: Setup, *, workers: int = 1, keep_surface: bool = False, progress: Progress | None = None
+    setup: Setup, *, workers: int = 1, keep_surface: bool = False, progress: BandProgress | None = None
 ) -> SimulatedScene:
     """Simulate a scene of the sea, and its truth.
 
@@ -158,7 +158,7 @@ def simulate(
 
 
 def simulate_together(
-    setups: Sequence[Setup], *, workers: int = 1, keep_surface: bool = False, progress: Progress | None = None
+    setups: Sequence[Setup], *, workers: int = 1, keep_surface: bool = False, progress: BandProgress | None = None
 ) -> tuple[SimulatedScene, ...]:
     """Simulate one sea for several sensors, which may differ in optics, noise and band delays.
 

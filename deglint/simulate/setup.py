@@ -14,12 +14,12 @@ from ..physics.presets import preset
 from ..physics.sensor import Sensor
 from ..physics.sky import SKY_MODELS as SKIES
 from ..physics.slopes import variances, wind_at_height
-from ..physics.waves import SHORT_WAVES, SPECTRA_WIND_RANGE, Sea, Spectrum, Spreading, slope_variance
+from ..physics.waves import SHORT_WAVES, SPECTRA_WIND_RANGE, Sea, Spreading, WaveSpectrum, slope_variance
 from .artefacts import Artefacts
 from .materials import SPECTRA
 from .underwater import Bottom, SubmergedObject
 
-SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
+SlopeModelName = Literal["cox-munk", "cox-munk-gaussian"]
 
 MOST_FACETS = 1 << 26  # largest number of facets of a scene; at 60 bytes each they take 4 GB
 LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Facets` scales slopes that remain too steep
@@ -116,12 +116,12 @@ class Setup(Checked):
     size: tuple[int, int] = ranged((512, 512), 8, 16384, "pixels", "Simulate several scenes instead.", integer=True)
     wind: float = ranged(5.0, SPECTRA_WIND_RANGE[0], STRONGEST_WIND, "m/s", "The models hold in this range only.")
     wind_from: float = 30.0
-    spectrum: Spectrum = "elfouhaily"
+    spectrum: WaveSpectrum = "elfouhaily"
     fetch: float = 100e3
     spreading: Spreading | None = None
     exponent: float = 2.0
     opposing: float = 0.0
-    slopes: SlopeModel = one_of("cox-munk", get_args(SlopeModel))
+    slopes: SlopeModelName = one_of("cox-munk", get_args(SlopeModelName))
     sun_zenith: float = ranged(40.0, 0.0, 80.0, "degrees", "Choose another time of day.")
     sun_azimuth: float = ranged(135.0, -720.0, 720.0, "degrees", "Give an azimuth from north.")
     view_zenith: float = ranged(0.0, 0.0, 70.0, "degrees", "Beyond 70 degrees waves shadow each other.")

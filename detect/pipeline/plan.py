@@ -261,7 +261,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
     return (rule, bands) if rule.has_water and same else None
 
 
-def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
+def fitted(plan: Plan, run: tiling.RunTiles = tiling.run, progress: Progress | None = None) -> Plan:
     """Return the plan with fitted background and detector, or model for "sea"; `run` is as in `fit_background`."""
     if plan.sea is not None:
         model = _fit_sea(plan, plan.sea)
@@ -273,7 +273,7 @@ def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None =
     return replace(plan, background=background, ready=ready)
 
 
-def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
+def fit_background(plan: Plan, run: tiling.RunTiles = tiling.run, progress: Progress | None = None) -> Background:
     """Fit the background of a plan tile by tile; `run` processes the tiles, on threads or on a cluster."""
     recipe, bands = plan.recipe, plan.bands
     share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)

@@ -197,7 +197,7 @@ def _run(
 
 
 def _write_tiles(
-    scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
+    scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.RunTiles, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
     """Score and write tiles; return counts, highest scores (None: no threshold), pixels attached to land (by class)."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
