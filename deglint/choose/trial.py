@@ -58,7 +58,7 @@ class Trial:
 
     @property
     def kept(self) -> str:
-        """Text with the gains of discs, plumes and targets [%]."""
+        """Text with the preserved share of implanted discs, plumes and targets [%]."""
         said = [f"{k} {max(min(v, 1.0), 0.0):.0%}" for k, v in self.gains.items() if not k.startswith("texture")]
         return f"share of signal kept: {', '.join(said)}"
 

@@ -134,7 +134,7 @@ def parsed(read: Callable[[str], object], wrong: str) -> Callable[..., object]:
 
 
 def place(option: str, metavar: str, said: str) -> Decorator:
-    """Make an option for a file or a lower-case word in `metavar`, by default the first; `said` is its help text."""
+    """Make an option for a file or a word of `metavar`, like "auto|none|FILE", by default the first; `said`: help."""
     words = [word for word in metavar.split("|") if word.islower()]
     return click.option(option, type=FileName(*words), default=words[0], metavar=metavar, help=said)
 

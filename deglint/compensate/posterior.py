@@ -125,7 +125,7 @@ class Posterior:
         return self.side // 2 + PIT_REACH
 
     def apply(self, state: State) -> State:
-        """Set the image to the posterior mean if `resolved` is True, and `State.variance` if `State.errors` is True."""
+        """Set the image to the posterior mean (if `resolved`), and `State.variance` to its variance (if `errors`)."""
         assert state.removed is not None  # in a chain, the removal comes before
         taken, image = state.removed, state.image.copy()
         variance = np.zeros_like(image) if state.errors else None

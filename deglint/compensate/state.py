@@ -59,7 +59,7 @@ class State:
 
 
 def in_scene_units(state: State) -> State:
-    """The state in the unit of the scene. After `normalise`, pixels that were not replaced get the values as read."""
+    """The state in the unit of the scene. If it was normalised, pixels not replaced get exactly the values as read."""
     if state.unit is None:
         return state
     image = state.image * state.unit[:, None, None]

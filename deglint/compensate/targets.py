@@ -92,7 +92,7 @@ class Targets:
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Set `State.targets`; if there is no background, also subtract it from the image. No change without a test."""
+        """Set `State.targets` to the contrast of targets; without a background, subtract them from the image, too."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)

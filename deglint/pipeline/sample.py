@@ -150,8 +150,8 @@ def sample_of(training: Sequence[Training]) -> Sample:
 
 
 def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
-    """Fit a removal method to `sample`, which is the tiles `training` after the stages `chain.before`.
-    After the stage `identify-level`, a morphological opening, the variant `Method.after_opening` is fitted, if any.
+    """Fit a removal method to `sample`, made from the tiles `training` by the stages `chain.before`. If these contain
+    `identify-level` (a morphological opening), `Method.after_opening` of the method is fitted, if it has one.
     """
     images, kind = [s.image for s in sample.states], METHODS[method]
     if not kind.neighbours:

@@ -78,7 +78,7 @@ def settled(scene: Scene) -> Scene:
 
 
 def undeclared(scene: Scene) -> Undeclared:
-    """Find undeclared nodata, an undeclared Sentinel-2 offset, and wavelengths of four bands if the last is unnamed.
+    """Find undeclared nodata, an undeclared Sentinel-2 offset, and the wavelengths of four bands without names.
 
     With several bands, nodata is searched for if neither file nor caller declares it. It is an unsaturated value that
     all bands have in areas that reach the image edge or contain a square of `SOLID` x `SOLID` pixels. These areas have

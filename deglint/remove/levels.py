@@ -291,10 +291,10 @@ def shared_level_error(
 ) -> float:
     """Standard error of the level [unit of the NIR]; the arguments are as in `shared_level`.
 
-    It is estimated by the jackknife over groups of neighbouring pixels. In a sheet (`SHEET_SPAN`) a second term is
-    added. The true level then lies between the lowest possible and the chosen level, with a probability density that
-    rises linearly to the chosen one: the term is the length of this interval divided by the root of 6. The interval is
-    extended down to the highest NIR that water can have, as errors of the removal may have raised the lowest level.
+    It is estimated by the jackknife over groups of neighbouring pixels. If every pixel may have glint (a sheet, see
+    `SHEET_SPAN`), a second term is added: the true level then lies between the lowest possible and the chosen level,
+    with a probability density that rises linearly to the chosen one. The term is the length of this interval divided by
+    the root of 6. The interval reaches down to the highest NIR that water can have, if this is lower.
     """
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]

@@ -110,7 +110,7 @@ def name_of(path: str) -> str | None:
 
 
 def files_of(path: str) -> tuple[str, ...]:
-    """GDAL names of the rasters (images, detector numbers) and metadata of the product `path`; else `path` itself."""
+    """GDAL names of the rasters (images, detector numbers) and metadata of the product `path`; else only `path`."""
     product = find(path)
     if product is None:
         return (path,)

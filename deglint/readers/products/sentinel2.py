@@ -66,7 +66,7 @@ def find(container: Container) -> Product | None:
 
 
 def _images(container: Container) -> dict[str, re.Match[str]]:
-    """Image files of bands, with their matches of `IMAGES`; if the user named an image or folder, only those in it."""
+    """Image files of bands, with their matches of `IMAGES`: all, or only the image or folder that the user named."""
     masks, named = set(container.find(_MASK)), container.named
     found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
     if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
