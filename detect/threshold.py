@@ -205,7 +205,7 @@ def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
         found = from_gpd(scores, pfa)
         if found.numbers["shape"] < 1 or pfa * found.n < _ENOUGH:
             return found
-        reason = f"the fitted tail has no mean (shape {found.numbers['shape']:.2f}), since objects are in it"
+        reason = f"objects disturb the fit of the tail (shape {found.numbers['shape']:.2f}: no mean)"
     except FitError as error:
         reason = str(error).split(". ", 1)[0]
     found = from_quantile(scores, pfa)

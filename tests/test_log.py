@@ -8,6 +8,7 @@ import pytest
 import deglint
 from deglint import Recipe, timing
 from deglint.cli.running import Console
+from deglint.pipeline.messages import log_scene
 
 from .common import RUN, says
 
@@ -39,7 +40,13 @@ def test_band_delays_are_logged(write, sea, tmp_path, caplog):
     assert scene.bands[3].time_offset == pytest.approx(0.27)
     with caplog.at_level(logging.INFO, "deglint"):
         deglint.examine(scene)
-    assert says(caplog.text, "band delays", "270 ms")
+    assert says(caplog.text, "band delays read from file", "270 ms")
+    for own, source in ((delays, "read from file"), (None, "known for sentinel2")):  # the delays of the file count
+        caplog.clear()
+        path = write(tmp_path / "b.tif", sea(), names=("B02", "B03", "B04", "B08"), describe=own)
+        with caplog.at_level(logging.INFO, "deglint"):
+            log_scene(deglint.open_scene(path, sensor="sentinel2"))
+        assert says(caplog.text, f"band delays {source}")
 
 
 @pytest.mark.parametrize(

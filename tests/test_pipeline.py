@@ -241,6 +241,9 @@ def test_of_a_saved_model_with_stages_the_named_bands_are_used(deglint, sea, wri
     expected[1] = read(tmp_path / "all.tif")[1]
     np.testing.assert_array_equal(read(out), expected)
     assert says(deglint(*again, "-b", "nir", "--overwrite").err, "does not correct nir", "-b")
+    alone = deglint(*again, "--compensate", "off", "--overwrite")  # the removal was fitted for its stages
+    assert says(alone.err, "stages remove, posterior", "leave out", "--compensate")
+    assert alone.code == 1
 
 
 @pytest.mark.slow

@@ -200,15 +200,15 @@ def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """Make a `Fitted` for this scene from a saved model and its `chain` (not used if `recipe.compensate` is "off").
+    """Make a `Fitted` for this scene from a saved model and its `chain`, to which the model was fitted.
 
     Only `recipe.bands` (empty: all bands of model and chain) are corrected. Raises InputError if the model
     or chain does not suit this scene or the bands, NIR, method or stages of the recipe; NoWaterError if the mask is
     "auto" and no water is found. All other options of the recipe are ignored and not copied to `Fitted.recipe`.
     """
     log_scene(scene)
-    chain = chain if chain is not None and recipe.compensate != "off" else Chain()
-    if recipe.method not in ("auto", model.method) or recipe.chain not in ("auto", "off", chain.text):
+    chain = chain or Chain()
+    if recipe.method not in ("auto", model.method) or recipe.chain not in ("auto", chain.text or "off"):
         own = f"{model.method} with {f'stages {chain.text}' if chain.text else 'no stages'}"
         raise InputError(f"the given model is {own}: leave out --method and --compensate.")
     if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:

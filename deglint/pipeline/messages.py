@@ -28,7 +28,9 @@ def log_scene(scene: Scene, *, pixel: bool = True) -> None:
     log.info("%s: %s, %d x %d pixels%s", name, bands, scene.width, scene.height, sensor)
     times = [b.time_offset for b in scene.bands if b.time_offset is not None]
     if len(times) > 1:
-        source = f"known for {scene.sensor}" if scene.sensor else "read from file"
+        tags = getattr(getattr(scene.source, "info", None), "band_tags", ())
+        read = not scene.sensor or any("time_offset_s" in some for band in tags for some in band.values())
+        source = "read from file" if read else f"known for {scene.sensor}"
         log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
     if pixel and (scene.transform is None or scene.transform.is_identity):
         size = pixel_size(scene)

@@ -168,7 +168,7 @@ class Setup(Checked):
         if not span <= limit:
             raise InputError(
                 f"time offsets of the bands must span at most {limit:.3g} s, in which the peak wave crosses"
-                f" the simulated sea, got {span:g} s; give a larger size or domain, or shorter delays"
+                f" the simulated sea, got {span:g} s; give a larger size, or shorter delays (in seconds)"
             )
 
     @property

@@ -140,7 +140,7 @@ class Outputs:
         """Raise InputError if the recipe cannot produce an output, or if an extension or option is not allowed."""
         place = self.chips and next(p for p in (self.chips, *self.chips.parents) if p.exists())
         if self.objects and not recipe.thresholded:
-            wanted = "--pfa, the false alarms wanted per pixel, such as 1e-4, or --false-per-km2"
+            wanted = "--pfa, the accepted false alarms per pixel, such as 1e-4 (for sea also --false-per-km2)"
             raise InputError(f"objects need a threshold: give {wanted}.")
         if recipe.moving and not self.objects:
             raise InputError("--moving gives objects a speed and a heading: give --objects FILE, too.")
