@@ -236,5 +236,6 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
         overview = overview_of(scene, model.indexes[0].bands[0], threads)  # the NIR, as in a fit
         fitted = replace(fitted, water=overview.water, water_bands=overview.bands)
     note, of_water = f"model {model.method}, fitted before", log_water(fitted.water, recipe.mask)
+    log.info("compensation: %s", chain.text or "none")  # as after a fit
     log_model(model, [note])
     return replace(fitted, notes=(note, *of_water))
