@@ -65,7 +65,7 @@ class Detector:
 
 
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
-    """Make a detector from a background; `method` is a key of `DETECTORS` that has `matrices`.
+    """Make a detector from a background; `method`: a key of `DETECTORS` with `Method.matrices`.
 
     "subspace" leaves out `drop` leading eigenvectors; "residual" regresses the other bands on the bands `nir`, 0-based.
     Raises InputError if `method`, `drop` or `nir` is not allowed, and FitError if no band of the background varies.

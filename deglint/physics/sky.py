@@ -117,7 +117,7 @@ def reflectance(
 def _reflected(
     zenith: float, azimuth: float, sun_zenith: float, sun_azimuth: float, wind: float, wind_from: float, model: str
 ) -> float:
-    """The integral of `reflectance` for one viewing geometry, sun and wind."""
+    """Reflected sky radiance per diffuse irradiance [1/sr], as `reflectance`, for one viewing geometry."""
     variance_u, variance_c = slopes.variances(wind)
     cosine2 = np.cos(np.radians(azimuth - wind_from)) ** 2
     variance_along = variance_u * cosine2 + variance_c * (1.0 - cosine2)

@@ -1,4 +1,4 @@
-"""Spectrum of sun glint relative to the NIR. Slopes of bands on the NIR, as fitted, are shifted toward it."""
+"""Expected spectrum of sun glint relative to the NIR, toward which the fitted slopes of bands are shifted."""
 
 from typing import NamedTuple
 

@@ -358,7 +358,7 @@ def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequen
 
 
 def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned], request: FitRequest) -> GlintModel:
-    """Add levels (`shared_level`, with slopes `of_glint`), their error, `floors` and `_sheet_warning` to the model."""
+    """Return the model with levels (see `shared_level`, also for `of_glint`), their error, `floors`, and a warning."""
     every = np.array([f.slope for f in model.fits])
     some = np.flatnonzero(every)  # bands without glint are not changed
     slopes, of_glint = every[some], of_glint[some]

@@ -225,7 +225,7 @@ class Setup(Checked):
 
 
 def check_one_sea(setups: Sequence[Setup]) -> None:
-    """Check that setups differ only in artefacts, misregistration, glint threshold, and sensor (same bands and gsd).
+    """Check that setups differ only in artefacts, misregistration, glint threshold, and sensor, but not bands or gsd.
 
     Raises InputError if a setup differs from the first one in another parameter, which the message names.
     """

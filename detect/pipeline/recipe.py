@@ -166,7 +166,7 @@ class Outputs:
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """Paths of the files to write. The list has only the first picture, and none if the folder does not exist."""
+        """Paths of the files to check before the run; of the pictures in `chips` the first, if this folder exists."""
         style = self.objects.with_suffix(".qml") if self.objects and self.objects.suffix.lower() == ".gpkg" else None
         picture = self.chips / PICTURE.format(1) if self.chips and self.chips.is_dir() else None
         extra = (self.p_value, self.flags, self.objects, self.background, style, picture)
