@@ -38,8 +38,8 @@ _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 class Method:
     """Entry of `DETECTORS`.
 
-    `matrices` computes `Detector.whiten`, and for some detectors `Detector.linear`, from (background, whitener, drop,
-    nir). `matrices` is None for a detector whose background changes within the scene.
+    `matrices` computes `Detector.whiten`, and for some detectors `Detector.linear`, from the background, the whitening
+    matrix of its covariance, the number of eigenvectors to drop, and 0-based NIR bands; None without one background.
     """
 
     summary: str  # one line for `--help`

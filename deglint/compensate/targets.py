@@ -185,7 +185,7 @@ class Excess:
 
     def saturated(self) -> Mask:
         """Mask (row, column) of pixels saturated in a band, and of their neighbours. They are not tested for targets,
-        as clipped sparkle has the spectrum of white paint. All False if the time offsets span over 0.1 s (`LASTS`).
+        as clipped sparkle has the spectrum of white paint. All False if time offsets span more than 0.1 s (`LASTS`).
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
         for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):

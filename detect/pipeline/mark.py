@@ -45,7 +45,7 @@ class Marker:
 
     @property
     def _strata(self) -> int:
-        """Number of kinds of objects that share the false-alarm rate: 1 (afloat), or 2 (also alongside a quay)."""
+        """Number of kinds of objects that divide the false-alarm rate: 1 (afloat), or 2 (also alongside a quay)."""
         return 2 if len(self.beside[ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:

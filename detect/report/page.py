@@ -187,7 +187,7 @@ def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
 
 
 def scene(d: Judged, found: Evaluation) -> Figure:
-    """Plot a detector's scores, its worst false alarms, and boxes of objects (dashed: missed at point `d.worst_at`)."""
+    """Plot a detector's scores, its worst false alarms, and boxes of objects (dashed: missed at `d.worst_at`)."""
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape

@@ -152,7 +152,7 @@ def _of(family: ModuleType, container: Container) -> Product | None:
 
 
 def _root_of(family: ModuleType, place: Path, folder: Container | None) -> Path | None:
-    """Nearest folder above `place` with metadata of `family`, or None; `folder`: files of `place` if it is a folder."""
+    """Nearest folder above `place` with metadata of `family`, or None. `folder` has the files of a folder `place`."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))
