@@ -44,14 +44,15 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     recipe, threads = recipe or Recipe(), tiling.default_threads(threads)
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     scene = settled(scene)
+    if recipe.sample not in ("auto", "all"):  # a wrong option is an error, not a reason
+        with environment():
+            open_area(recipe.sample, scene, "--sample")
     out = _header(scene)
     notes: list[str] = out["notes"]
     seconds, source = limit("DEGLINT_INFO_SECONDS"), raster_of(scene)
     source.deadline = deadline = time.monotonic() + seconds
-    with environment():
-        if recipe.sample not in ("auto", "all"):
-            open_area(recipe.sample, scene, "--sample")  # a wrong option is an error, not a reason
-        try:
+    try:
+        with environment():
             request, of_nir = make_request(scene, recipe)
             notes.append(of_nir)
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
@@ -63,16 +64,16 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
                 out["water_fraction"] = overview.water.water_fraction
                 notes.append(overview.water.reason)
             fitted = fit_scene(scene, recipe, threads=threads)
-        except DeglintError as error:
-            out["reason"] = str(error)
-            if time.monotonic() > deadline:
-                out["reason"] = (
-                    f"stopped after {seconds} s: {source.pixels_read} of {scene.height * scene.width} pixels were read."
-                    " To read more, set the environment variable DEGLINT_INFO_SECONDS to more, or give a --sample"
-                )
-            return out
-        finally:
-            source.deadline = math.inf
+    except DeglintError as error:
+        out["reason"] = str(error)
+        if time.monotonic() > deadline:
+            out["reason"] = (
+                f"stopped after {seconds} s: {source.pixels_read} of {scene.height * scene.width} pixels were read."
+                " To read more, set the environment variable DEGLINT_INFO_SECONDS to more, or give a --sample"
+            )
+        return out
+    finally:
+        source.deadline = math.inf
     if fitted.water is not None:
         out["water_fraction"] = fitted.water.water_fraction
     if fitted.sampled:

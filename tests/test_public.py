@@ -13,6 +13,7 @@ import deglint
 import detect
 from deglint import Recipe
 from deglint.compensate import Chain
+from deglint.errors import ReadError
 from deglint.pipeline import Fitted
 
 from .common import ROOT, says
@@ -138,3 +139,10 @@ def test_a_wrong_value_is_named_in_one_line(call, said, sea, write, tmp_path, mo
     assert says(str(raised.value), *said.split(" ... "))
     assert "\n" not in str(raised.value)
     assert not (tmp_path / "x.tif").exists()
+
+
+def test_a_wrong_sample_leaves_no_time_limit_on_a_scene(sea, write, tmp_path):
+    scene = deglint.open_scene(write(tmp_path / "in.tif", sea()))
+    with pytest.raises(ReadError):
+        deglint.examine(scene, Recipe(sample="missing.geojson"))
+    assert scene.source.deadline == float("inf")
