@@ -43,11 +43,10 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe, threads = recipe or Recipe(), tiling.default_threads(threads)
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
-    scene = settled(scene)
+    out = _header(scene := settled(scene))
     if recipe.sample not in ("auto", "all"):  # a wrong option is an error, not a reason
         with environment():
             open_area(recipe.sample, scene, "--sample")
-    out = _header(scene)
     notes: list[str] = out["notes"]
     seconds, source = limit("DEGLINT_INFO_SECONDS"), raster_of(scene)
     source.deadline = deadline = time.monotonic() + seconds
