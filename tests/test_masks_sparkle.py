@@ -8,8 +8,10 @@ import pytest
 
 from deglint.masks import Roles, WaterRule, fit_water, water
 from deglint.physics.presets import preset
+from deglint.pipeline.messages import log_water
 from deglint.simulate import Bottom, Setup, simulate
 
+from .common import says
 from .test_masks import LAND, ROLES, open_water, put, sparkling_sea, tiled
 
 FINE, COARSE = 0.4, 10.0
@@ -54,9 +56,13 @@ def test_bright_spots_are_glint_at_fine_pixels_and_boats_at_coarse_ones():
 
 
 @pytest.mark.parametrize(("sides", "said"), [({}, False), ({"window": 7}, True), ({"core": 7}, True)])
-def test_what_fills_squares_may_be_dense_glint(sides, said):
+def test_what_fills_squares_may_be_dense_glint(sides, said, caplog):
     rule = WaterRule(ROLES, threshold=0.1, bright=0.05, water_fraction=0.97, pixels=1000, **sides)
-    assert ("--mask none" in rule.reason) == said
+    with caplog.at_level("INFO", "deglint"):
+        log_water(rule, "auto")
+        log_water(rule, "none")  # then it is done already
+    assert [says(line, "If it is glint: --mask none") for line in caplog.messages] == [said, False]
+    assert says(caplog.messages[1], "all is corrected")
 
 
 def test_bright_spots_of_unknown_size_are_boats_only_near_land_and_only_at_some_places():

@@ -106,8 +106,8 @@ class Choice:
         if self.best.method == "copy" and trial is None:
             out.append("no removal can be used: the scene is copied")
         elif trial is not None:
-            kept = trial.kept.replace("discs", f"discs of {max(self.width, 1):.3g} pixels")
-            out.append(f"chosen: {self.best.name}; expected error {trial.error:.1%} of the water; {kept}")
+            said = f"{trial.kept} (discs are {max(self.width, 1):.3g} pixels wide)"
+            out.append(f"chosen: {self.best.name}; expected error {trial.error:.1%} of the water; {said}")
         out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
         return out + [f"  {name}: refused, {why}" for name, why in (self.failed or {}).items()]
 

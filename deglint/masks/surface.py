@@ -80,10 +80,9 @@ class WaterRule:
         wide = f" over {self.window} x {self.window} pixels" if self.window > 1 else ""
         if self.core > 1:
             wide += f", or {self.bright:.6g} over {self.core} x {self.core}"
-        hint = ". If it is glint: --mask none" if max(self.window, self.core) > 1 else ""
         return (
             f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels examined are water; the rest is land, ships, "
-            f"clouds or surf (NIR above {self.threshold:.6g}{wide}){hint}"
+            f"clouds or surf (NIR above {self.threshold:.6g}{wide})"
         )
 
     def numbers(self) -> dict[str, object]:

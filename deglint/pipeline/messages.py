@@ -7,6 +7,7 @@ from dataclasses import replace
 from ..errors import NoWaterError
 from ..masks import WaterRule
 from ..readers.grid import pixel_size
+from ..readers.spectral import time_offset
 from ..remove import GlintModel
 from ..scene import Scene
 
@@ -29,7 +30,7 @@ def log_scene(scene: Scene, *, pixel: bool = True) -> None:
     times = [b.time_offset for b in scene.bands if b.time_offset is not None]
     if len(times) > 1:
         tags = getattr(getattr(scene.source, "info", None), "band_tags", ())
-        read = not scene.sensor or any("time_offset_s" in some for band in tags for some in band.values())
+        read = not scene.sensor or any(time_offset(band) is not None for band in tags)
         source = "read from file" if read else f"known for {scene.sensor}"
         log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
     if pixel and (scene.transform is None or scene.transform.is_identity):
@@ -47,9 +48,10 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
         return []
     if not rule.has_water:
         raise NoWaterError(rule.reason)
-    said = f"{rule.reason.partition('. If')[0]}, but all is corrected (--mask none)" if mask == "none" else rule.reason
-    log.info("water: %s", said)
-    return [said]
+    bright = rule.water_fraction < 1 and max(rule.window, rule.core) > 1  # what is no water may be glint
+    hint = "; all is corrected (--mask none)" if mask == "none" else ". If it is glint: --mask none" if bright else ""
+    log.info("water: %s%s", rule.reason, hint)
+    return [rule.reason]
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
