@@ -7,7 +7,6 @@ so that bands recorded at different times show the same waves. The surface is pe
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -66,8 +65,7 @@ def on_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
     if workers < 2:
         work(0, rows)
         return
-    edges = np.linspace(0, rows, 4 * workers + 1).astype(int)
-    parts = [Tile(first, last, 0, 1) for first, last in pairwise(edges.tolist())]
+    parts = Tile(0, rows, 0, 1).split(-(-rows // (4 * workers)))
     list(run(parts, lambda part: work(part.row0, part.row1), threads=workers))
 
 

@@ -114,7 +114,11 @@ def sky_disc(
     else:
         _rose(canvas, centre, radius, widest)
     zenith, azimuth = plan.mission.sun
-    _sun(canvas, polar(centre, radius, min(zenith, widest), azimuth, widest), 6.0 if small else 13.0)
+    at, size = polar(centre, radius, min(zenith, widest), azimuth, widest), 6.0 if small else 13.0
+    for k in range(8):
+        canvas.line([around(at, size * reach, 45.0 * k) for reach in (0.7, 1.25)], INK, 1 if small else 2)
+    canvas.circle(at, size * 0.72, YELLOW, -1)
+    canvas.circle(at, size * 0.72, INK, 1)
 
 
 def _rose(canvas: Canvas, centre: Point, radius: int, widest: float) -> None:
@@ -125,13 +129,6 @@ def _rose(canvas: Canvas, centre: Point, radius: int, widest: float) -> None:
         size = 15 if azimuth % 90 else 22
         canvas.text(around(centre, radius + 26, azimuth), draw.azimuth_name(azimuth), size, INK, anchor="mm")
         canvas.line([polar(centre, radius, 4.0, azimuth, widest), around(centre, radius, azimuth)], _PALE_INK, 1)
-
-
-def _sun(canvas: Canvas, at: Point, size: float) -> None:
-    for k in range(8):
-        canvas.line([around(at, size * reach, 45.0 * k) for reach in (0.7, 1.25)], INK, 2 if size > 8 else 1)
-    canvas.circle(at, size * 0.72, YELLOW, -1)
-    canvas.circle(at, size * 0.72, INK, 1)
 
 
 def _sun_and_wind(canvas: Canvas, mission: Mission) -> None:

@@ -62,11 +62,8 @@ class Skylight:
             place = np.log(level / LEVELS[0]) / step
         place = np.clip(place, 0.0, LEVELS.size - 1.000001)
         low = place.astype(np.intp)
-        part = place - low
-        flat = self.brighter.reshape(LEVELS.size, -1)
-        where = low.reshape(len(level), -1) * flat.shape[1] + np.arange(flat.shape[1])
-        below, above = np.take(flat, where), np.take(flat, where + flat.shape[1])
-        return np.asarray(below + (above - below) * part.reshape(below.shape)).reshape(level.shape)
+        below, above = (np.take_along_axis(self.brighter, low + k, axis=0) for k in (0, 1))
+        return np.asarray(below + (above - below) * (place - low))
 
 
 def _interpolated(values: Floats, place: Floats, axis: int, *, nodes: int, periodic: bool = False) -> Floats:
