@@ -212,6 +212,20 @@ def test_glint_on_a_quarter_of_the_sea_is_removed_there_and_adds_no_noise_elsewh
     assert (calm < (2.2 if sparkle else 3)).all()  # with all of the noise of the NIR: 2.8
 
 
+def test_the_strongest_glint_teaches_though_it_is_in_one_corner():
+    """Noise hides weak glint, so that its slopes are uncertain; a few squares of bright pixels need not be ships."""
+    rng, (rows, columns) = np.random.default_rng(0), np.indices((576, 576))
+    facets = np.clip(gaussian_filter(rng.normal(size=(576, 576)), 2.0) * 7 + 1, 0, None)
+    glint = (400 * np.exp(-(rows**2 + columns**2) / (2 * 25.0**2)) + 2) * facets
+    block = (WATER + SLOPES * glint + rng.normal(0, 2, (4, 576, 576))).astype(np.float32)
+    corners = [(row, column) for row in range(0, 576, 192) for column in range(0, 576, 192)]
+    every = np.ones((192, 192), bool)
+    tiles = [SampleTile(block[:, r : r + 192, c : c + 192].copy(), every, every, (r, c)) for r, c in corners]
+    request = replace(nir_request(BANDS, [3], regression="detrended"), sparkle=True, resolved=True)
+    slopes = [f.slope for f in wiener.fit(request, tiles).fits]
+    np.testing.assert_allclose(slopes, SLOPES[:3].ravel(), rtol=0.03)
+
+
 def test_ships_and_land_are_left_and_the_water_beside_them_too():
     block = swell_block((256, 256))
     block[:, 100:104, 100:112] += 4000

@@ -7,7 +7,7 @@ replaced by that mean. Land, nodata and the mixed pixels along their edges are r
 Local means are computed from sums of integers, which are exact: any division into tiles gives the same result.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,9 +57,7 @@ def fit_reference(
     tiles : values and mask of open water away from shores, (row, column); if no water is wide enough, no limit is set
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
-    sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, or if only a part of the scene has
-        glint (`OFTEN`), the limit is at least the excess of one pixel in a million, by a power law through the 99th and
-        99.9th percentile of the excess
+    sparkle : True if pixels may resolve sparkle, with few very bright flashes (`largest_glint`)
     smooth : whether `clean` reduces the noise of the reference (`_smoothed`)
     """
     tiles = [(values, sample & np.isfinite(values)) for values, sample in tiles]
@@ -77,12 +75,22 @@ def fit_reference(
         tops += [top for s in open_squares(sample) if np.isfinite(top := float(excess[s].max()))]
     if not tops:
         return rule
-    limit = FACTOR * float(np.percentile(tops, QUARTILE))
-    often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [OFTEN, 99.9]), np.finfo(np.float32).tiny)
-    if sparkle or often > limit:
-        limit = max(limit, min(float(seldom * (seldom / often) ** 3), float(np.finfo(np.float32).max)))
+    limit = largest_glint(tops, np.concatenate(excesses), sparkle=sparkle)
     s = noise([np.where(i, v, 0).astype(np.float32) for v, i in tiles], [i for _, i in tiles]) if smooth else 0.0
     return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge, s)
+
+
+def largest_glint(tops: Sequence[float], excess: FloatArray, *, sparkle: bool) -> float:
+    """Largest excess of glint over the local mean, from the excess of pixels (pixel,) and the maxima `tops` (square,).
+
+    See `QUARTILE`. With `sparkle`, or if only a part of the scene has glint (`OFTEN`), it is at least the excess of one
+    pixel in a million, by a power law through the 99th and 99.9th percentile of the excess.
+    """
+    limit = FACTOR * float(np.percentile(tops, QUARTILE))
+    often, seldom = np.maximum(np.percentile(excess, [OFTEN, 99.9]), np.finfo(np.float32).tiny)
+    if sparkle or often > limit:
+        limit = max(limit, min(float(seldom * (seldom / often) ** 3), float(np.finfo(np.float32).max)))
+    return limit
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:

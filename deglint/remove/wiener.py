@@ -32,7 +32,7 @@ from .levels import AVERAGED, LevelSample, apart_from_sparkle, floors, shared_le
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import predictions
-from .reference import FACTOR, OFTEN, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
+from .reference import QUARTILE, ReferenceRule, clean, fit_reference, largest_glint, open_squares
 from .request import FitRequest
 from .spectrum import ROUNDING, CommonGlint, shared_glint
 from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_is_better
@@ -258,7 +258,7 @@ def _trusted(cleaned: Sequence[_Cleaned], request: FitRequest) -> list[Mask]:
     if not (request.faint_glint and request.resolved):
         high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in cleaned]
         if not request.faint_glint:
-            inside = _without_outliers(high, inside)
+            inside = _without_outliers(high, inside, sparkle=request.sparkle)
         if not request.resolved and any(i.any() for i in inside):
             inside = _without_bottom(high, inside, len(cleaned[0].references))
     return inside if any(any(kernel_squares(i)) for i in inside) else every
@@ -273,16 +273,19 @@ def _kernel_planes(tile: _Cleaned, sample: Mask, request: FitRequest) -> _Kernel
     return _KernelPlanes(sample, flat, weights)
 
 
-def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
+def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask], *, sparkle: bool) -> list[Mask]:
     """Masks `inside` without pixels at or near which the deviation `high` from local means is too large for glint."""
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
     if not tops:
         return list(inside)
-    limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)
-    often = np.percentile(np.concatenate([np.abs(h[:, i]) for h, i in every], axis=1), OFTEN, axis=1)
-    limits[often > limits] = np.inf
-    return [i & ~grown((np.abs(h) > limits[:, None, None]).any(axis=0), 2 * kernels.KERNEL_REACH + 1) for h, i in every]
+    away = np.concatenate([np.abs(h[:, i]) for h, i in every], axis=1)
+    limits: Float64 = np.array(
+        [largest_glint(t, a, sparkle=sparkle) for t, a in zip(np.transpose(tops), away, strict=True)]
+    )
+    return [
+        i & ~grown(np.any(np.abs(h) > limits[:, None, None], axis=0), 2 * kernels.KERNEL_REACH + 1) for h, i in every
+    ]
 
 
 def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references: int) -> list[Mask]:
