@@ -105,6 +105,49 @@ def test_sparkle_is_water_and_land_beside_it_is_not(pixel):
     assert found[land].mean() < 0.01
 
 
+def near_a_corner(strength, shape=(576, 576), seed=0):
+    """Wide patches of glint, (row, column), ever denser and brighter toward one corner, as a low camera sees them."""
+    rows, columns = np.indices(shape)
+    near = np.exp(-(rows**2 + columns**2) / (2 * 110.0**2))
+    facets = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=shape), (0, 0), 2.5)
+    return strength / 1.5 * near * np.clip(facets / facets.std() + 3 * near - 1, 0, 1.5)
+
+
+def turbid(glint, red=1.0, seed=1):
+    """Turbid water in reflectance, (band, row, column), whose red is `red` times its green."""
+    level = np.array([0.007, 0.012, 0.012 * red, 0.004])[:, None, None]
+    noise = np.random.default_rng(seed).normal(0, 2e-4, (4, *glint.shape))
+    return (level + glint * np.array([1, 1, 0.95, 0.6])[:, None, None] + noise).astype(np.float32)
+
+
+def blocks_of(scene, side=192):
+    """The blocks of a scene, as an overview reads them."""
+    return [scene[:, y : y + side, x : x + side] for y in range(0, 576, side) for x in range(0, 576, side)]
+
+
+@pytest.mark.parametrize("row", [440, 380])
+@pytest.mark.parametrize(("pixel", "strength"), [(None, 0.04), (FINE, 0.04), (None, 0.2)])
+def test_glint_in_one_corner_is_water_and_a_boat_in_the_calm_is_not(pixel, strength, row):
+    """The calm squares do not show how bright glint is; without a georeference it may be as bright as clouds.
+
+    At row 380, the blocks from which the rule is determined cut the boat.
+    """
+    scene, hull = turbid(near_a_corner(strength)), np.s_[row : row + 9, 250:286]
+    assert water(scene, fit_water(blocks_of(scene), ROLES, pixel=pixel)).mean() > 0.9995
+    scene[:, *hull] = np.array([0.5, 0.48, 0.45, 0.3])[:, None, None]
+    found = water(scene, fit_water(blocks_of(scene), ROLES, pixel=pixel))
+    assert not found[hull].any()
+    assert found.sum() > 0.999 * (found.size - 9 * 36)
+
+
+@pytest.mark.parametrize("pixel", [None, 0.1])
+@pytest.mark.parametrize(("red", "nir", "share"), [(0.99, 1, 1), (1.003, 1, 1), (1.2, 1, 1), (1.2, 2.5, 0)])
+def test_turbid_water_without_land_is_water(red, nir, share, pixel):
+    """It is darker in the NIR than a town in an image of radiance, which is as brown; no land is in view to compare."""
+    scene = turbid(np.zeros((576, 576)), red) * np.array([1, 1, 1, nir], np.float32)[:, None, None]
+    assert fit_water(blocks_of(scene), ROLES, pixel=pixel).water_fraction == pytest.approx(share, abs=1e-3)
+
+
 def test_dry_sand_beside_a_sparkling_shallow_stays_land():
     """Its red is above its green and its NIR below its blue: its colour votes for neither, and only the gap tells."""
     setup = Setup(

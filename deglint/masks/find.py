@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import Float64, Mask
+from ..moments import Mask
 from ..morphology import box_sum, grown, square, squares
 from ..scene import ROUNDED, FloatArray
+from .gap import end_of_gap, index_of_valley, threshold_in_gap
 from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
@@ -45,9 +46,10 @@ dense glint may be brighter than all else, and it is not white if the bands are 
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25  # fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs
-CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
-"""Sides of a clump of glint and of a square of sea [pixel]. In each square the brightest clump is found; the
-percentile `ORDINARY` of their NIR is used, as the brightest may be boats. At least `LEAST_SQUARES` are needed."""
+CLUMP, SQUARE, BOAT_SQUARES, ORDINARY, UNEVEN = 3, 64, 4, 75, 2.0
+"""Sides of a clump of glint and of a square of sea [pixel]. The brightest clump in a square is glint or a boat, which
+lies in up to `BOAT_SQUARES` squares. The limit of glint is the percentile `ORDINARY` of these clumps. In a block whose
+median is higher, glint is denser: there it is their maximum, but at most `UNEVEN` times their median."""
 CORE, OF_CLUMP = (5, 7), 0.3
 """Boats and narrow land are brighter than the clump (see `CLUMP`) in a whole larger square. Its side is from `CORE`
 pixels to half the width of a patch of glint: the smallest with which the brightest square of glint exceeds the water by
@@ -63,12 +65,9 @@ more than visible and NIR differ: in images of 8 bits, the NIR of calm water has
 BEYOND = 1.4
 """Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
 to the NIR at which water and other colours are equally frequent."""
-INTO_GAP = 0.25
-"""Position of the threshold in the gap, 0..1, nearer to the water: ships, piers and mixed pixels fill the rest."""
 RARE_GLINT = 1e-3
 """In small pixels, the gap is searched for above the NIR that only this share of the votes for water exceeds: there,
 pixels of sparkle are only as frequent as mixed pixels of a shore."""
-GAP_BINS = 64  # bins of the histogram in which the gap between water and land is searched
 
 
 def fit_water(
@@ -143,9 +142,11 @@ def _fit(
         if sum(int(b.sum()) for b in bright) <= most * sum(int(s.sum()) for s in sea):
             break
     assert rule is not None
+    if pixel is None and not any((v < 0).any() for v in votes):  # cameras without a georeference fly below the clouds
+        rule = replace(rule, threshold=np.inf)
     rule = _with_cores(view, rule, widest)
     solid = [land(b, rule) for b in view.blocks] if rule.core > 1 else view.brighter(rule.threshold, window)
-    if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
+    if not view.is_water(solid, votes, brown=brown, alone=white == PLAIN_WHITE):
         return None
     return replace(rule, water_fraction=1.0 - sum(int(s.sum()) for s in solid) / view.pixels)
 
@@ -183,6 +184,12 @@ class _View:
     def contrast(self) -> FloatArray:
         """First visible band minus NIR, (pixel,), at the pixels that `flat` selects."""
         return self.flat([b[self.roles.visible[0]] - b[self.roles.nir] for b in self.blocks])
+
+    @cached_property
+    def dark(self) -> bool:
+        """Whether most pixels have less NIR, relative to the first visible band, than a white surface in radiances."""
+        visible, nir = self.roles.visible[0], self.roles.nir
+        return float(np.median(self.flat([b[visible] * SUN[1] - b[nir] for b in self.blocks]))) > 0
 
     @cached_property
     def saturation(self) -> float:
@@ -247,14 +254,17 @@ class _View:
         side : width of a clump [pixel]
         red : count only pixels with more NIR than visible; glint has such pixels only if bands are not simultaneous
         """
-        tops = []
+        tops: list[list[float]] = []
         for block, valid, other in zip(self.blocks, self.valid, solid, strict=True):
             open_sea, nir = valid & ~grown(other, SQUARE // 2 + 1), block[self.roles.nir]
             if red:
                 nir = np.where(nir > block[self.roles.visible[0]], nir, nir.dtype.type(level))
             nir = _opened_band(nir, open_sea, side)
-            tops += [float(nir[part].max()) - level for part in _squares(open_sea) if open_sea[part].all()]
-        return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
+            tops.append([float(nir[part].max()) - level for part in _squares(open_sea) if open_sea[part].all()])
+        every = [top for some in tops for top in some]
+        limit = float(np.percentile(every, ORDINARY)) if len(every) >= BOAT_SQUARES else np.inf
+        medians = [(max(t), float(np.median(t))) for t in tops if len(t) > 2 * BOAT_SQUARES]
+        return max([limit, *(min(most, UNEVEN * middle) for most, middle in medians if middle > limit)])
 
     def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
         """Masks of isolated bright pixels on the sea far from land, and of this sea: two lists with a mask per block.
@@ -273,13 +283,13 @@ class _View:
         """Whether `bright` pixels on `sea` may be boats: land is in view, and only a part of the sea has them."""
         has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
-        return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)
+        return has_land and (len(found) < BOAT_SQUARES or float(np.mean(found)) < EVERYWHERE)
 
-    def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
+    def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], *, brown: bool, alone: bool) -> bool:
         """Whether most pixels outside `solid` (land) vote for water, and enough of them fill squares of 5 x 5 pixels.
 
-        compact : smallest share of the pixels outside `solid` that must lie in such squares. If it is not 0, there must
-            also be a pixel in `solid` that votes against water
+        brown : the share `COMPACTNESS` of them must lie in such squares, and some pixel of `solid` must vote against
+            water; or, if the scene may be water `alone`, most pixels have less NIR than white in images of radiance
         """
         found = alike = together = 0
         side = min(5, *(n for v in self.valid for n in v.shape))
@@ -287,8 +297,9 @@ class _View:
             like = v & ~o & (vote > 0)
             found, alike = found + int((v & ~o).sum()), alike + int(like.sum())
             together += int(filled_squares(like, ~v, side).sum())
-        enough = 2 * alike > found and together >= max(min(LEAST_BODY, side * side), compact * found)
-        return enough and (not compact or any((o & (a < 0)).any() for o, a in zip(solid, votes, strict=True)))
+        least = max(min(LEAST_BODY, side * side), COMPACTNESS * found if brown else 0.0)
+        beside = any((o & (a < 0)).any() for o, a in zip(solid, votes, strict=True))
+        return 2 * alike > found and together >= least and (not brown or beside or (alone and self.dark))
 
 
 def _squares(mask: Mask) -> Iterator[tuple[slice, slice]]:
@@ -327,7 +338,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
     last = nir.size - 1 - int(np.argmax(won[::-1]))
     if won[last] <= 0:
         return None
-    last = _at_valley(nir, last) if window == 1 and not strict else last
+    last = index_of_valley(nir, last) if window == 1 and not strict else last
     few = last // DARKEST + 1
     darkest = float(np.median(contrast[:few]))
     sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)
@@ -339,62 +350,9 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
         threshold = sheet if sparkle else min(tail, sheet)
     elif window > 1:
         nearly = int(np.argmax(won >= (1 - RARE_GLINT) * won[last]))
-        threshold = min(_emptiest(nir[nearly : last + 1]), sheet)
+        threshold = min(end_of_gap(nir[nearly : last + 1]), sheet)
     else:
-        threshold = _foot(nir, level, min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail))
+        threshold = threshold_in_gap(nir, level, min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail))
     if not alone and threshold >= nir[-1]:  # else all pixels would be water: land may be saturated
         threshold = (float(nir[last]) + float(nir[last + 1])) / 2
     return WaterRule(view.roles, threshold, window, nir_level=level, contrast=darkest)
-
-
-def _foot(nir: FloatArray, level: float, high: float) -> float:
-    """Threshold of the NIR in the gap between water and land, from the histogram of the NIR.
-
-    `nir`: sorted values (pixel,). `level`: NIR of typical water, where the histogram starts. `high`: end of the gap.
-    The peak of the histogram is water. The lower end of its slope, the foot, is where the logarithm of the density lies
-    farthest below the straight line from the peak to `high`: the triangle method of Zack, Rogers, Latt (1977), J.
-    Histochem. Cytochem. 25, 741-753, doi:10.1177/25.7.70454. The threshold is at foot + `INTO_GAP` * (`high` - foot).
-    """
-    if not high > level:
-        return high
-    density, edges = _log_density(nir, level, high)
-    peak = int(np.argmax(density))
-    line = np.linspace(density[peak], density[-1], len(density) - peak)
-    bend = edges[1:][peak + int(np.argmax(line - density[peak:]))]
-    return float(bend + INTO_GAP * (high - bend))
-
-
-def _at_valley(nir: FloatArray, last: int) -> int:
-    """Index, in sorted NIR (pixel,), of the valley of the histogram above index `last`; `last` if there is no valley.
-
-    A valley is a minimum between water and land; on both sides the histogram is at least twice as high. Pixels up to
-    `last` vote for water; `last` is below the valley if bands are not calibrated or had an offset subtracted.
-    """
-    density, edges = _log_density(nir, float(nir[0]), float(np.percentile(nir, 99)))
-    start = min(int(np.searchsorted(edges[1:], nir[last])), len(density) - 1)
-    lowest = np.minimum.accumulate(density[start:])
-    deep = np.minimum(density[start] - lowest, density[start:] - lowest) >= np.log(2)
-    if not deep.any():
-        return last
-    valley = start + int(np.argmin(density[start : start + int(np.argmax(deep))]))
-    return max(last, int(np.searchsorted(nir, edges[valley + 1])) - 1)
-
-
-def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, Float64]:
-    """Logarithm of a smoothed histogram, (bin,), of sorted `values` from `low` to `high`; and the edges of its bins."""
-    between = values[np.searchsorted(values, low) : np.searchsorted(values, high, "right")]
-    bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more bins than values that differ
-    counts, edges = np.histogram(between.astype(np.float64) - low, bins, (0.0, high - low))  # float32 may be too coarse
-    kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / GAP_BINS)) ** 2)
-    return np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5), edges + low
-
-
-def _emptiest(nir: FloatArray) -> float:
-    """Upper end of the gap in sorted `nir`: upper edge of the last histogram bin with (nearly) the smallest count."""
-    if not nir[-1] > nir[0]:
-        return float(nir[-1])
-    start = float(nir[0])
-    counts, edges = np.histogram(nir.astype(np.float64) - start, GAP_BINS)
-    least = int(counts.min())
-    chance = least + 2 * np.sqrt(least) + 1  # two standard deviations of a count, and one pixel
-    return start + float(edges[1:][np.flatnonzero(counts <= chance)[-1]])

@@ -62,8 +62,11 @@ class WaterRule:
 
     @property
     def all_water(self) -> bool:
-        """Whether every valid pixel of the scene is water, so that blocks need not be tested."""
-        return self.whole and self.water_fraction == 1.0
+        """Whether every valid pixel of the scene is water, so that blocks need not be tested.
+
+        This is not known if squares are searched for: the edges of the fitted blocks may cut a boat.
+        """
+        return self.whole and self.water_fraction == 1.0 and not self.halo
 
     @property
     def reason(self) -> str:
