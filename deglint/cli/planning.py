@@ -9,6 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
+from ..physics import sun
 from ..plan import swath, sweep
 from ..plan.charts import day_picture, line_picture, selected, wind_picture
 from ..plan.dataset import summary
@@ -62,7 +63,9 @@ def by_daylight(mode: Mode, given: Options, tables: Mapping[str, Any]) -> Mappin
     if "latitude" not in place or "longitude" not in place:
         return tables
     if mode is over_time:
-        place["time"] = f"{sweep.highest_sun(place['latitude'], place['longitude'], _times(given))}Z"
+        when = np.array(_times(given))
+        lowest = np.argmin(sun.position(place["latitude"], place["longitude"], when).zenith)
+        place["time"] = f"{when[lowest]}Z"
     elif mode is page and "time" not in place:
         place["time"] = f"{sweep.next_daylight(place['latitude'], place['longitude'])}Z"
         log.info("the page starts at %s, in the next daylight; --time gives another time.", place["time"])

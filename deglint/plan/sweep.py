@@ -42,12 +42,6 @@ def times(start: sun.Time, end: sun.Time, minutes: float) -> list[np.datetime64]
     return [first + k * step for k in range(int((last - first) / step) + 1)]
 
 
-def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) -> np.datetime64:
-    """The time in `when` (UTC) with the highest solar elevation, at a latitude and longitude [degree]."""
-    zenith = sun.position(latitude, longitude, np.array(when, dtype="datetime64[s]")).zenith
-    return when[int(np.argmin(zenith))]
-
-
 def next_daylight(latitude: float, longitude: float, start: sun.Time | None = None) -> np.datetime64:
     """First time (UTC), in steps of 10 minutes from `start`, when the sun is at least `DAYLIGHT` degrees high.
 
