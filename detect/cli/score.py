@@ -48,14 +48,12 @@ def pair(kind: Callable[[str], float], name: str, example: str) -> Callable[...,
 @click.option("--background", type=options.FILE, default="", metavar="FILE|WINDOW", show_default="every valid pixel",
               help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window "
               "column,row,width,height, or a saved background.")
-@click.option("-b", "--band", "bands", multiple=True, callback=options.names, metavar="BAND[,BAND]",
-              show_default="the visible ones for sea, else all",
-              help="Bands to use, by name or number (from 1).")
-@click.option("--mask", type=options.FileName("auto", "none", "water"), default="auto",
-              metavar="auto|none|water|FILE|WINDOW",
-              help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. "
-              "What lies outside is in no background either; for sea the holes of ships are filled. auto: water for "
-              "sea, else everywhere.")
+@options.bands_to("-b", "--band", "bands", shown="the visible ones for sea, else all",
+                  said="Bands to use, by name or number (from 1).")
+@options.place("--mask", "auto|none|water|FILE|WINDOW",
+               "Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. "
+               "What lies outside is in no background either; for sea the holes of ships are filled. auto: water for "
+               "sea, else everywhere.")
 @click.option("--pfa", type=SHARE, metavar="RATE",
               help="Accepted false alarms per pixel, such as 1e-4; sets the threshold.")
 @click.option("--threshold", type=options.ChoiceFromTable("THRESHOLDS", "detect.threshold"), default="gpd",
