@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from deglint import __version__
+from deglint.tiles import default_threads
 
 from ..arrays import Array
 
@@ -97,9 +98,8 @@ def machine() -> dict[str, Any]:
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     system = f"{platform.system()} {platform.release()}"
-    return {"processor": names[0] if names else platform.processor(), "cores": cores, "system": system}
+    return {"processor": names[0] if names else platform.processor(), "cores": default_threads(), "system": system}
 
 
 def versions() -> dict[str, str]:
