@@ -5,10 +5,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+import rasterio
 
+from deglint import open_scene
 from deglint.masks import Roles, WaterRule, fit_water, water
 from deglint.physics.presets import preset
 from deglint.pipeline.messages import log_water
+from deglint.pipeline.overview import overview_of
 from deglint.simulate import Bottom, Setup, simulate
 
 from .common import says
@@ -138,6 +141,16 @@ def test_glint_in_one_corner_is_water_and_a_boat_in_the_calm_is_not(pixel, stren
     found = water(scene, fit_water(blocks_of(scene), ROLES, pixel=pixel))
     assert not found[hull].any()
     assert found.sum() > 0.999 * (found.size - 9 * 36)
+
+
+def test_glint_in_one_corner_of_the_frame_of_a_drone_is_water(tmp_path):
+    """All of the frame is searched, as tiles spread over it may not show how bright glint is."""
+    with rasterio.open(tmp_path / "a.tif", "w", "GTiff", 1280, 960, 4, dtype="float32") as out:
+        out.write(turbid(near_a_corner(0.2, (960, 1280))))
+        out.descriptions = "BLUE", "GREEN", "RED", "NIR"
+    scene = open_scene(tmp_path / "a.tif")
+    rule = overview_of(scene, 3, threads=1).water
+    assert water(scene.read(), rule).mean() > 0.9999
 
 
 @pytest.mark.parametrize("pixel", [None, 0.1])

@@ -11,6 +11,7 @@ import numpy as np
 from .. import tiles as tiling
 from ..errors import FitError, NoWaterError
 from ..masks import Roles, WaterRule, deep_water, fit_sample, fit_water
+from ..masks.find import COARSE_PIXEL
 from ..moments import Mask
 from ..raster import RasterSource
 from ..raster.environment import enter_thread
@@ -28,6 +29,9 @@ Work = Callable[[Tile], T]
 Note = Callable[[int, int], None]  # called with the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
+FRAME_PIXELS = (
+    2_100_000  # the same at fine pixels, as in the frame of a drone: glint may be dense in a small part of it
+)
 LEAST_VALID = OVERVIEW_PIXELS // 4  # an overview with fewer valid pixels (about 2 of its 8 tiles) is skipped
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
@@ -56,7 +60,8 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
     reflectance = (scene.sensor or "").startswith(("sentinel2", "landsat")) or all(
         re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names
     )
-    for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > SMALL_PIXELS else (total,):
+    small = FRAME_PIXELS if (pixel_size(scene) or 0.0) < COARSE_PIXEL else SMALL_PIXELS
+    for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > small else (total,):
         last = pixels >= total
         chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
         rule = None
