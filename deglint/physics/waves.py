@@ -131,8 +131,10 @@ def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = 
     >>> round(up + cross, 3)
     0.028
     """
+    from scipy.integrate import trapezoid  # numpy has it from version 2.0 on
+
     k = wavenumbers(sea, longest=longest, shortest=shortest)
     density = omnidirectional(k, sea) * k**3
-    total = float(np.trapezoid(density, np.log(k)))
-    excess = float(np.trapezoid(density * anisotropy(k, sea), np.log(k)))
+    total = float(trapezoid(density, np.log(k)))
+    excess = float(trapezoid(density * anisotropy(k, sea), np.log(k)))
     return 0.5 * (total + excess), 0.5 * (total - excess)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import trapezoid
 
 from deglint.errors import InputError
 from deglint.physics import atmosphere
@@ -171,7 +172,7 @@ def test_light_for_photosynthesis(name, total):
     rows = rows[(rows["wavelength_nm"] >= 400) & (rows["wavelength_nm"] <= 700)]
     spectrum = atmosphere.Spectrum(*(rows[n] for n in names))
     found = atmosphere.irradiance(rows["wavelength_nm"], *CASES[name], spectrum=spectrum)
-    assert np.trapezoid(found.direct + found.diffuse, rows["wavelength_nm"]) == pytest.approx(total, abs=0.006)
+    assert trapezoid(found.direct + found.diffuse, rows["wavelength_nm"]) == pytest.approx(total, abs=0.006)
 
 
 @given(st.floats(300, 1000), st.floats(0, 85), st.floats(1, 10), st.floats(0, 100), st.floats(2, 100))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from deglint.errors import InputError
 from deglint.physics import slopes, spectra, waves
@@ -14,7 +15,7 @@ FREQUENCY = np.geomspace(0.01, 20.0, 20001)
 
 
 def significant_height(density):
-    return 4 * np.sqrt(np.trapezoid(density, FREQUENCY))
+    return 4 * np.sqrt(trapezoid(density, FREQUENCY))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def spreading(angle, exponent, convention):
 def test_spreading_integrates_to_one(convention, exponent):
     angle = np.linspace(-180.0, 180.0, 20001)
     density = spreading(angle, exponent, convention)
-    assert np.trapezoid(density, np.deg2rad(angle)) == pytest.approx(1.0, abs=1e-7)
+    assert trapezoid(density, np.deg2rad(angle)) == pytest.approx(1.0, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +129,7 @@ def test_spreading_integrates_to_one(convention, exponent):
 def test_spreading_sets_the_ratio_of_upwind_to_crosswind_slopes(convention, exponent, ratio):
     angle = np.linspace(-180.0, 180.0, 200001)
     density = spreading(angle, exponent, convention)
-    along = np.trapezoid(density * np.cos(np.deg2rad(angle)) ** 2, np.deg2rad(angle))
+    along = trapezoid(density * np.cos(np.deg2rad(angle)) ** 2, np.deg2rad(angle))
     assert along / (1 - along) == pytest.approx(ratio, rel=2e-3)
     sea = Sea(wind=9.0, spectrum="jonswap", spreading=convention, exponent=exponent)
     up, cross = waves.slope_variance(sea, shortest=0.2)
@@ -162,15 +163,15 @@ def test_dispersion_joins_gravity_and_surface_tension():
 def height_variance(sea, **band):
     """Variance of the height of the waves of a band of wavelengths."""
     k = waves.wavenumbers(sea, **band)
-    return np.trapezoid(waves.omnidirectional(k, sea) * k, np.log(k))
+    return trapezoid(waves.omnidirectional(k, sea) * k, np.log(k))
 
 
 def slope_correlation(lag, sea, **band):
     """Temporal autocorrelation of the slope at a fixed point, of the waves of a band of wavelengths."""
     k = waves.wavenumbers(sea, **band)
     weight = waves.omnidirectional(k, sea) * k**3
-    summed = np.trapezoid(weight * np.cos(np.asarray(lag)[..., None] * spectra.dispersion(k)), np.log(k), axis=-1)
-    return summed / np.trapezoid(weight, np.log(k))
+    summed = trapezoid(weight * np.cos(np.asarray(lag)[..., None] * spectra.dispersion(k)), np.log(k), axis=-1)
+    return summed / trapezoid(weight, np.log(k))
 
 
 def test_short_waves_lose_their_memory_as_published():
