@@ -159,6 +159,12 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
         **{name: given[name] for name in same},
     )
+    down, right = (n * sensor.gsd for n in given["size"])
+    for boat in base.targets:
+        if not (0 <= boat.right < right and 0 <= boat.down < down):
+            raise click.UsageError(
+                f"--boat {boat.right:g},{boat.down:g} is outside the scene: it is {right:g} m wide, {down:g} m high."
+            )
     if not given["grid"]:
         if len(winds) > 1 or len(delays) > 1:
             raise click.UsageError("several --wind or --delay make several scenes: give --grid, too.")
