@@ -236,10 +236,10 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
 def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
     """Standard deviation s of the noise of a pixel [electrons]: shot, dark, read and quantisation noise.
 
-    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``, with the `signal` N, the dark signal N_dark in the
+    ``s**2 = N + N_dark + s_read**2 + (well / levels)**2 / 12``, with the `signal` N, the dark signal N_dark in the
     time `exposure` [s], and the standard deviation s_read of the read noise, all in electrons.
     """
-    fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / 2**sensor.bits) ** 2 / 12
+    fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / sensor.levels) ** 2 / 12
     return np.sqrt(np.asarray(signal, dtype=np.float64) + fixed)
 
 

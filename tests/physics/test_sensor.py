@@ -32,6 +32,14 @@ def optics(micrometres, f_number):
     return replace(THESIS, pitch=1e-6 * micrometres, f_number=f_number)
 
 
+def test_the_quantisation_noise_is_that_of_the_digital_numbers():
+    coarse = replace(THESIS, bits=3, read_noise=0.0, dark_current=0.0)
+    radiance = np.linspace(0, GREEN.full_scale, 70_001)
+    rounded = digitise(radiance, coarse, GREEN) * coarse.scale(GREEN) - radiance
+    per_radiance = electrons(1.0, coarse, GREEN)
+    assert noise(0.0, coarse, exposure=0.0) == pytest.approx(rounded.std() * per_radiance, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("pitch", "f_number", "expected"),
     [(5, 10, 0.342), (5, 30, 0), (8, 10, 0.575), (8, 30, 0), (10, 10, 0.657), (10, 30, 0.091),
