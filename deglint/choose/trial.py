@@ -86,9 +86,9 @@ class Choice:
             return why.removesuffix("Nothing was corrected.").rstrip(". ")
         least = min(others, key=lambda t: t.error)
         return (
-            f"the best candidate ({least.candidate.name}) hardly reduces the expected error: from "
-            f"{self.trials[0].error:.1%} to {least.error:.1%} of the water, not below {WORTH_REMOVING:.0%} of the "
-            "first: the bands share too little glint"
+            f"the expected error is {self.trials[0].error:.1%} of the water without a correction and {least.error:.1%} "
+            f"with the best one ({least.candidate.name}), which should be less than {WORTH_REMOVING:.0%} of the "
+            "former: the bands share too little glint"
         )
 
     @property
