@@ -143,8 +143,8 @@ def apply(
     --------
     >>> from deglint.remove import BandFit
     >>> model = GlintModel("hedley", (GlintIndex((1,), (1.0,), 2.0),), (BandFit(0, "B", 0, 0.5),), ("B", "NIR"))
-    >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
-    np.float64(9.0)
+    >>> float(apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0])
+    9.0
     """
     _check_block(block, model)
     where = np.ones(block.shape[1:], np.bool_) if where is None else np.asarray(where, np.bool_)
