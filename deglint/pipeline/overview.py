@@ -29,9 +29,7 @@ Work = Callable[[Tile], T]
 Note = Callable[[int, int], None]  # called with the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
-FRAME_PIXELS = (
-    2_100_000  # the same at fine pixels, as in the frame of a drone: glint may be dense in a small part of it
-)
+FRAME_PIXELS = 2_100_000  # the same at fine pixels (a frame of a drone), where glint may be dense in a small part
 LEAST_VALID = OVERVIEW_PIXELS // 4  # an overview with fewer valid pixels (about 2 of its 8 tiles) is skipped
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
