@@ -58,6 +58,12 @@ def test_bright_spots_are_glint_at_fine_pixels_and_boats_at_coarse_ones():
     assert not water(scene, fit_water([scene], ROLES, pixel=FINE))[:, 211:].any()
 
 
+def test_limits_that_are_not_used_are_not_said():
+    rule = WaterRule(ROLES, threshold=np.inf, window=5, bright=0.05, core=7, water_fraction=0.97, pixels=1000)
+    assert rule.reason.endswith("(NIR above 0.05 over 7 x 7 pixels)")
+    assert replace(rule, threshold=0.1).reason.endswith("(NIR above 0.1 over 5 x 5 pixels, or 0.05 over 7 x 7 pixels)")
+
+
 @pytest.mark.parametrize(("sides", "said"), [({}, False), ({"window": 7}, True), ({"core": 7}, True)])
 def test_what_fills_squares_may_be_dense_glint(sides, said, caplog):
     rule = WaterRule(ROLES, threshold=0.1, bright=0.05, water_fraction=0.97, pixels=1000, **sides)

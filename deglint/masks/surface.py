@@ -80,12 +80,11 @@ class WaterRule:
             )
         if self.water_fraction == 1.0:
             return f"all of the {self.pixels} pixels examined are water"
-        wide = f" over {self.window} x {self.window} pixels" if self.window > 1 else ""
-        if self.core > 1:
-            wide += f", or {self.bright:.6g} over {self.core} x {self.core}"
+        squares = (self.threshold, self.window), (self.bright, self.core)
+        limits = [f"{nir:.6g}" + f" over {n} x {n} pixels" * (n > 1) for nir, n in squares if np.isfinite(nir)]
         return (
             f"{100 * self.water_fraction:.2f} % of {self.pixels} pixels examined are water; the rest is land, ships, "
-            f"clouds or surf (NIR above {self.threshold:.6g}{wide})"
+            f"clouds or surf (NIR above {', or '.join(limits)})"
         )
 
     def numbers(self) -> dict[str, object]:
