@@ -263,8 +263,8 @@ class _View:
             tops.append([float(nir[part].max()) - level for part in _squares(open_sea) if open_sea[part].all()])
         every = [top for some in tops for top in some]
         limit = float(np.percentile(every, ORDINARY)) if len(every) >= BOAT_SQUARES else np.inf
-        medians = [(max(t), float(np.median(t))) for t in tops if len(t) > 2 * BOAT_SQUARES]
-        return max([limit, *(min(most, UNEVEN * middle) for most, middle in medians if middle > limit)])
+        blocks = [(max(t), float(np.median(t))) for t in tops if len(t) > 2 * BOAT_SQUARES]
+        return max([limit, *(min(most, UNEVEN * middle) for most, middle in blocks if middle > limit)])
 
     def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
         """Masks of isolated bright pixels on the sea far from land, and of this sea: two lists with a mask per block.
