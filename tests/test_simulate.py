@@ -463,9 +463,12 @@ def test_command_writes_one_scene(tmp_path):
     wrong = CliRunner().invoke(command, ["--wind", "3", "--wind", "5", str(tmp_path / "other")])
     assert wrong.exit_code == 2
     assert "--grid" in wrong.output
-    outside = CliRunner().invoke(command, [*arguments, "--boat", "17,5,0", str(tmp_path / "other")])
-    assert outside.exit_code == 2
-    assert says(outside.output, "--boat 17,5", "outside", "16 m wide", "12 m high")
+    cut, outside = (
+        CliRunner().invoke(command, [*arguments, "--dry-run", "--boat", boat, str(tmp_path / "other")])
+        for boat in ("19,-3,0", "21,5,0")  # a boat of 8 m
+    )
+    assert (cut.exit_code, outside.exit_code) == (0, 2)
+    assert says(outside.output, "--boat 21,5", "outside", "16 m wide", "12 m high")
 
 
 def test_help_names_what_there_is():

@@ -161,7 +161,8 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     )
     down, right = (n * sensor.gsd for n in given["size"])
     for boat in base.targets:
-        if not (0 <= boat.right < right and 0 <= boat.down < down):
+        seen = boat.length / 2 + boat.wake  # beyond the edge, a part of the hull or of the wake may be in the scene
+        if not (-seen < boat.right < right + seen and -seen < boat.down < down + seen):
             raise click.UsageError(
                 f"--boat {boat.right:g},{boat.down:g} is outside the scene: it is {right:g} m wide, {down:g} m high."
             )
