@@ -83,7 +83,7 @@ PIECES = {
     "psf": Piece(partial(without, "psf")),
     "targets": Piece(partial(without, "targets")),
     "posterior": Piece(partial(without, "posterior")),
-    "outlines": Piece(same, lambda: patch.object(background, "_limit", lambda *_: None), "identify-level"),
+    "outlines": Piece(same, lambda: patch.object(background, "SMALLEST_OUTLINE", np.inf), "identify-level"),
     "ringing": Piece(same, lambda: patch.object(background, "ringing", nothing), "identify-level"),
     "red edge as reference": Piece(same, lambda: patch.object(sample, "more_references", nothing), "posterior"),
     "faint weighting": Piece(same, lambda: patch.object(wiener, "fit", partial(evenly, wiener.fit)), "posterior"),

@@ -181,32 +181,33 @@ class Background:
         grown = 0 if self.limit is None else 4 + self.size // 2
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
-    def opened(self, state: State) -> tuple[Float32, Float32]:
-        """Bands to open, and their openings by a square, (band, row, column) each. The bands are the image or, after a
-        stage `psf`, its deconvolution. With `caps`, they are the image with dark pits raised to the mean `around` them.
+    def opened(self, state: State) -> tuple[Float32, Float32 | None]:
+        """Openings of the bands by a square, and their outline detail (None without `limit`), (band, row, column) each.
+
+        The bands are the image or, after a stage `psf`, its deconvolution. With `caps`, they are the image with dark
+        pits raised to the mean `around` them. Outline detail is divided by `colour`, and then limited by `shared`.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
             source = np.stack([np.maximum(b, around(b, cap)) for b, cap in zip(state.image, self.caps, strict=True)])
-        return source, np.stack([opening(b, self.size) for b in source])
-
-    def details(self, source: Float32, level: Float32) -> Float32:
-        """Outline detail of bands `source` with openings `level`, divided by `colour` and then limited by `shared`."""
+        level = np.stack([opening(b, self.size) for b in source])
+        if self.limit is None:
+            return level, None
         found = outlines(source, level, self.size)
         found /= np.array(self.colour, np.float32)[:, None, None]
-        return shared(found, self.order)
+        return level, shared(found, self.order)
 
-    def level(self, state: State) -> Float32:
-        """Background minus `offsets`, (band, row, column): opening plus outline detail, as blurred as the image."""
-        source, level = self.opened(state)
-        if self.limit is not None:
-            detail = self.details(source, level)
+    def level(self, state: State, level: Float32, detail: Float32 | None) -> Float32:
+        """Background minus `offsets`, (band, row, column), as blurred as the image: `level` plus `detail`, the results
+        of `opened`, where detail is used. `level` is modified.
+        """
+        if self.limit is not None and detail is not None:
             seen = (detail > np.float32(max(self.limit, 1e-6))).sum(axis=0, dtype=np.uint8) >= 2
             if seen.any():
                 near = cv2.dilate(seen.astype(np.float32), np.ones((self.size, self.size), np.uint8))
                 for b, unit in enumerate(self.colour):
                     level[b] += detail[b] * (near * np.float32(unit))
-        if state.sharp is not None and state.psfs is not None and not self.caps:  # as blurred as the image
+        if state.sharp is not None and state.psfs is not None and not self.caps:
             level = np.stack([blurred(b, p) for b, p in zip(level, state.psfs, strict=True)])
         return level
 
@@ -216,7 +217,7 @@ class Background:
         Pixels that exceed the background only because of noise are marked, too. A background higher by one standard
         deviation of noise would miss faint glint: errors would change by 19 % in dense glint, by under 2 % in other.
         """
-        background = self.level(state)
+        background = self.level(state, *self.opened(state))
         background += np.array(self.offsets, np.float32)[:, None, None]
         return replace(state, background=background, glint=state.image > background)
 
@@ -237,10 +238,13 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     caps = ringing(sample, sigma)
     by = setting.wavelengths if setting.offsets is None else setting.offsets  # unknown ones are last
     order = tuple(np.argsort(by, kind="stable").tolist())
-    stage = Background(size, order, tuple(map(float, colour)), (), (), 0.0, None, caps, reach)
-    if setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2:
-        stage = replace(stage, limit=_limit(stage, sample, setting.nir))
-    levels = [stage.level(s) for s in states]
+    outlined = setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2
+    stage = Background(size, order, tuple(map(float, colour)), (), (), 0.0, 0.0 if outlined else None, caps, reach)
+    opened = [stage.opened(s) for s in states]
+    if details := [detail for _, detail in opened if detail is not None]:
+        high = [np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in setting.nir]
+        stage = replace(stage, limit=ABOVE * float(np.median(high)))
+    levels = [stage.level(s, *parts) for s, parts in zip(states, opened, strict=True)]
     openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
     excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
     times = setting.offsets if setting.delayed and not caps else None  # as simultaneous bands share artefacts
@@ -253,12 +257,6 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     offsets, sigmas, shares = zip(*found, strict=True)
     stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(shares)))
     return replace(stage, cut=tuple((HALF_NORMAL * max(1 - RAISED * stage.cover, 0) * sigma * unit).tolist()))
-
-
-def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Value of `Background.limit`: `ABOVE` times a quantile (`RARE_SPARKLE`) of outline detail in the bands `nir`."""
-    details = [stage.details(*stage.opened(s)) for s in sample.states]
-    return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
 def ringing(sample: Sample, sigma: Float64) -> tuple[float, ...]:

@@ -36,6 +36,7 @@ from .spectra import Model, Places
 from .state import LASTS, LEAST_DELAY, Float32, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
+Bins = npt.NDArray[np.int8]
 
 RATE, TOGETHER = 1e-5, 2.8
 """`RATE`: default false-alarm rate: a pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
@@ -126,9 +127,9 @@ class Targets:
         """Index of the histogram bin of an excess of 3 times `light` (`EXCEEDS`); pixels in higher bins are lit."""
         return int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (self.top - LOW))
 
-    def binned(self, e: Float32) -> Places:
+    def binned(self, e: Float32) -> Bins:
         """Index of the histogram bin of each excess; `e` and the result are (band, pixel)."""
-        return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.intp)
+        return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.int8)
 
     def sparkle(self, e: Float32) -> Float32:
         """Log likelihood that a pixel is sparkle, (pixel,); `e`, (band, pixel), as in `score`."""
@@ -334,7 +335,7 @@ def with_texture(stage: Targets, e: Float32) -> Targets:
     return replace(stage, noise=tuple(np.sqrt(np.maximum((middle - below) ** 2 - of_glint**2, s**2)).tolist()))
 
 
-def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
+def histograms(stage: Targets, q: Bins, t: Float64) -> Targets:
     """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
     `t` is the time of each band [s]. Only bands with dark water are used (`dark`), or all if fewer than two are dark.
     The table for a step to the next band comes from those pairs of these bands whose delay is nearest to the step's.
@@ -349,7 +350,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     nearest = [tuple(np.flatnonzero(row < row.min() + 1e-3)) for row in off]
     distinct, transitions = list(dict.fromkeys(nearest)), []
     for same in distinct:
-        i, j = (np.concatenate(q[pairs[list(same), k]]) for k in (0, 1))
+        i, j = (np.concatenate(q[pairs[list(same), k]]).astype(np.intp) for k in (0, 1))
         both = np.bincount(i * EXCESS_BINS + j, minlength=EXCESS_BINS**2).reshape(EXCESS_BINS, -1).astype(np.float64)
         both = cv2.sepFilter2D(both, -1, smooth, smooth, borderType=cv2.BORDER_REPLICATE) + 5 * single
         transitions.append(tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist()))
@@ -357,14 +358,14 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     return replace(stage, tables=tables, first=first, following=tuple(transitions))
 
 
-def lasting_share(q: Places, stage: Targets) -> float:
+def lasting_share(q: Bins, stage: Targets) -> float:
     """Share of pixels that are `steady` in all steps, of the darker half of the pixels lit in the first band."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0
 
 
-def steady(q: Places, stage: Targets) -> Mask:
+def steady(q: Bins, stage: Targets) -> Mask:
     """Mask (step, pixel); a step leads from one band to the next in time. True where in this and all earlier steps the
     second band is lit (`Targets.lit`), and the histogram bins of both, in `q` (band, pixel), differ by at most 1.
     """
