@@ -119,6 +119,18 @@ def test_land_and_cloud_and_nodata_are_copied(sea, write, read, tmp_path):
     assert slopes_of(result) == pytest.approx(SLOPES, rel=0.02)
 
 
+@pytest.mark.parametrize(("names", "found"), [(("B05", "B06", "B07", "B8A"), True), (None, False)])
+def test_land_is_known_by_the_red_edge_or_it_is_said_that_it_is_not(names, found, sea, write, read, tmp_path, caplog):
+    raw = sea(100, 200)
+    raw[:, :, 120:] = np.array([300, 700, 800, 3000])[:, None, None] + raw[:, :, 120:] // 8
+    source = write(tmp_path / "in.tif", raw, names=names or [f"layer {n}" for n in "abcd"])
+    remove_glint(source, tmp_path / "out.tif", Recipe(method="wiener", nir=(4,), compensate="off"))
+    assert ("every valid pixel is corrected" in caplog.text) is not found
+    changed = (read(tmp_path / "out.tif") != raw).any(axis=0)
+    assert changed[:, :118].mean() > 0.5
+    assert changed[:, 120:].any() != found
+
+
 def masked_by(sea, write, read, tmp_path, mask):
     raw = sea()
     source = write(tmp_path / "in.tif", raw)

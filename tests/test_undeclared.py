@@ -189,21 +189,55 @@ def test_a_class_band_hides_no_offset_and_is_copied(sea, write, read, deglint, t
     assert (outs[1] != scene)[:3].any()
 
 
-def test_an_offset_is_suspected_where_visible_bands_are_darker(sea, write, tmp_path):
+@pytest.mark.parametrize(("less", "held"), [(300, True), (600, True), (900, False)])
+def test_an_offset_is_found_where_visible_bands_are_darker(less, held, sea, write, tmp_path):
     scene = lost_offset(sea)
-    scene[0, :40] -= 600  # a blue below zero, after a correction of too much air light
-    found = undeclared(open_scene(write(tmp_path / "in.tif", scene, names=SENTINEL2)))
-    assert not found.offsets
-    assert [note for note in found.notes if "may hold the offset" in note and "--offset -1000" in note]
+    scene[0, :40] -= np.uint16(less)  # a blue below zero, after a correction of too much air light
+    source = write(tmp_path / "in.tif", scene, names=SENTINEL2)
+    found = undeclared(open_scene(source))
+    assert found.offsets == ((-1000.0,) * 4 if held else ())
+    remedy = "--offset 0" if held else "--offset -1000"
+    assert [note for note in found.notes if "hold the offset" in note and note.endswith(remedy)]
+    assert undeclared(settled(open_scene(source))) == found  # not searched again
     scene[3, :40] -= 600
     assert not undeclared(open_scene(write(tmp_path / "dark.tif", scene, names=SENTINEL2))).notes
 
 
-@pytest.mark.parametrize("how", ["names", "declared", "desert"])
+def test_a_suspected_offset_is_said_once(sea, write, deglint, tmp_path):
+    scene = lost_offset(sea)
+    scene[0, :40] -= np.uint16(900)
+    ran = deglint("remove", write(tmp_path / "in.tif", scene, names=SENTINEL2), tmp_path / "out.tif")
+    assert ran.code == 0, ran.err
+    assert ran.err.count("may hold the offset") == 1
+
+
+@pytest.mark.parametrize(
+    ("names", "sensor", "zero", "scale"),
+    [
+        (("SR_B2", "SR_B3", "SR_B4", "SR_B5", "SR_B6"), None, 7273, 2.75e-5),
+        (("SR_B1", "SR_B2", "SR_B3", "SR_B4", "SR_B5"), "landsat7", 7273, 2.75e-5),
+        (("B2", "B3", "B4", "B5", "B6"), "landsat8", 5000, 2e-5),
+    ],
+)
+def test_the_offset_of_landsat_is_found(names, sensor, zero, scale, sea, write, read, tmp_path):
+    """Without it, the level of the glint would be that of the offset, and all of the water would be darkened."""
+    bands = lost_offset(sea, 0)
+    reflectance = np.concatenate([bands, bands[3:]]) / 10_000
+    source = write(tmp_path / "in.tif", np.round(reflectance / scale + zero).astype("uint16"), names=names)
+    scene = open_scene(source, sensor=sensor)
+    assert settled(scene).source.info.offsets == (-zero,) * 5
+    stated = open_scene(source, sensor=sensor, scale=scale, offset=-scale * zero)
+    found, known = (correct(s, fit_scene(s, Recipe(method="wiener")))[:, :, :80] for s in (scene, stated))
+    np.testing.assert_allclose(scale * found, known, atol=1e-4)
+
+
+@pytest.mark.parametrize("how", ["names", "declared", "desert", "sixteen bits"])
 def test_no_offset_is_made_up(how, sea, write, tmp_path):
     scene = lost_offset(sea)
     if how == "desert":
         scene = (scene * np.array([1, 2, 3, 4])[:, None, None]).astype("uint16")
+    if how == "sixteen bits":  # 65535 is a reflectance of 1: the NIR of the coast is 0.3
+        scene[:, :, 90:] = np.array([3_000, 5_000, 6_000, 20_000])[:, None, None]
     source = write(tmp_path / "in.tif", scene, names=None if how == "names" else SENTINEL2)
     if how == "declared":
         import rasterio

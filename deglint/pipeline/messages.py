@@ -45,6 +45,8 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
     if rule is None:
         if mask != "auto":
             log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
+        else:
+            log.warning("no band below 750 nm is known, so every valid pixel is corrected. Pass --bands or --mask")
         return []
     if not rule.has_water:
         raise NoWaterError(rule.reason)

@@ -17,7 +17,7 @@ from ..raster import RasterSource
 from ..raster.environment import enter_thread
 from ..readers.areas import open_area, window_area
 from ..readers.grid import pixel_size
-from ..readers.roles import band_roles
+from ..readers.roles import RED_EDGE, band_roles
 from ..remove import FitRequest
 from ..remove.wiener import SAMPLE_SIDE
 from ..scene import FloatArray, Scene, Window
@@ -79,7 +79,10 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 def roles_of(scene: Scene, nir: int) -> tuple[Roles, tuple[int, ...]]:
     """Bands that the masks use: their roles, as indices into a block of only these bands; their 0-based scene bands."""
     visible = {role: band for role, band in band_roles(scene).items() if role in ("blue", "green", "red")}
-    found = {role: band for role, band in visible.items() if band not in (None, nir)} | {"nir": nir}
+    found = {role: band for role, band in visible.items() if band not in (None, nir)}
+    edge = [(b.wavelength, i) for i, b in enumerate(scene.bands) if i != nir and (b.wavelength or RED_EDGE) < RED_EDGE]
+    # over water, the red edge is brighter than the NIR, too
+    found = (found or ({"red": min(edge)[1]} if edge else {})) | {"nir": nir}
     bands = tuple(sorted(found.values()))
     return Roles(**{role: bands.index(band) for role, band in found.items()}), bands
 
@@ -187,7 +190,7 @@ def sampler_of(job: Job) -> Sampler:
     if sample == "auto":
         if overview.water is None:
             raise FitError(
-                "a sample cannot be found without a visible band to determine water from. Pass --sample FILE.geojson, "
+                "no band below 750 nm is known, so that a sample cannot be found. Pass --sample FILE.geojson, "
                 "a window, or --sample all."
             )
         rule = fit_sample(read_tiles(scene, overview.tiles, overview.bands, job.threads), overview.water)

@@ -101,7 +101,7 @@ def _with_sensor(
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
     """Add missing wavelengths from codes, letters or colours in names (not of `unnamed` bands); return bands, notes."""
-    sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
+    sensor = dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     filled = []
     for i, (band, letter) in enumerate(zip(bands, spectral.letter_wavelengths([b.name for b in bands]), strict=True)):
         own = None if sensor is None or i in unnamed else named_in(band.name, sensor)
@@ -117,11 +117,11 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 
 def nominal_pixel(scene: Scene) -> float | None:
     """Nominal pixel size [m] of the scene's sensor (`Scene.sensor`, else found from band names); None if not known."""
-    sensor = sensor_of(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
+    sensor = sensor_of(scene.sensor) if scene.sensor else dialect([b.name for b in scene.bands])
     return positive(sensor.pixel) if sensor else None
 
 
-def _dialect(names: Sequence[str]) -> SensorInfo | None:
+def dialect(names: Sequence[str]) -> SensorInfo | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
     Codes like B02 (with zero), B8A or B12 identify Sentinel-2. So do 3 or more codes with B8 (its NIR) but without B5

@@ -16,7 +16,7 @@ Wanted = str | int | Sequence[str | int]
 
 NIR_CENTRE = 842.0
 """Preferred wavelength of the near infrared [nm]: longer than the red edge, shorter than absorption by water vapour."""
-_RED_EDGE, VISIBLE = 750.0, 700.0
+RED_EDGE, VISIBLE = 750.0, 700.0
 """Wavelengths [nm]: below the first, plumes and shallow bottoms are visible; below the second, clear water is, too."""
 _ROLES = {
     "blue": [((450.0, 515.0), 490.0)],
@@ -96,9 +96,9 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
                 "which would be removed with the glint. "
                 + (f"Bands beyond {VISIBLE:g} nm: {', '.join(fit)}." if fit else _no_nir(scene))
             )
-    edge = ", ".join(scene.bands[i].name for i in indexes if VISIBLE <= (known[i] or 0) < _RED_EDGE)
+    edge = ", ".join(scene.bands[i].name for i in indexes if VISIBLE <= (known[i] or 0) < RED_EDGE)
     unknown = ", ".join(scene.bands[i].name for i in indexes if known[i] is None)
-    shown = f"{edge} is red edge (below {_RED_EDGE:g} nm), where plumes and shallow ground show, too, and are taken for"
+    shown = f"{edge} is red edge (below {RED_EDGE:g} nm), where plumes and shallow ground show, too, and are taken for"
     said = f"; warning: {shown} glint" if edge else ""
     if unknown:
         said += f"; warning: the wavelength of {unknown} is not known, and is taken to be near infrared"

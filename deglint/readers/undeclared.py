@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import sensors
 from .. import tiles as tiling
 from ..moments import Mask
 from ..morphology import grown, opened
@@ -20,9 +19,9 @@ from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
 from ..tiles import Tile
-from .bands import labelled
+from .bands import dialect, labelled
 from .roles import VISIBLE
-from .spectral import nominal_wavelength
+from .spectral import band_code, nominal_wavelength
 
 log = logging.getLogger("deglint")
 PIXELS_READ = 400_000  # pixels of a scene that are read; smaller scenes are read completely
@@ -34,18 +33,25 @@ ALONE = 0.99
 """The value is nodata of a band if at least this share of the band's pixels with this value have it in all bands, too.
 A band may be 0 in many pixels of dark water, where other bands are not."""
 SOLID = 8  # inside the image, nodata fills squares of this side [pixel]; saturated sparkle does not
-S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
-"""Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (file value - 1000) / 10000."""
-S2_FLOOR, S2_DARK, S2_LEAST = (950, 1150), 1300, 500
-"""If file values include the offset, the minimum of the darkest band (percentile 0.1) lies in the first range, and no
-minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there. Minima below
-the range, after an atmospheric correction that subtracts too much, do not show whether the offset is included. If
-the minimum of a NIR or SWIR band is below the third value (then a reflectance of -.05), the offset is not included."""
+OF_DARKEST, DARK_INFRARED, LEAST, CLOUDS = (-0.005, 0.015), 0.03, -0.05, 1.5
+"""Reflectances, if file values include an offset. Percentile 99 of no band exceeds `CLOUDS` (as if 65535 meant 1). The
+minimum (percentile 0.1) of the darkest band lies in the first range, and that of no NIR or SWIR band exceeds the second
+value, as water and shadow reflect almost nothing there. If an atmospheric correction has subtracted too much, a visible
+band is the darkest, and below the range: glint, haze and water without an offset do not cause this. Below `LEAST` it
+may be dark land beside bright water; with a NIR or SWIR band below `LEAST`, the offset is not included."""
 ORDER = ("blue", "green", "red", "nir")
 """Usual order of four bands without names; red and blue may be exchanged. It is assumed if the last band is the darkest
 (percentile `DARK`), as over water, or if its range (`DARK` to `UPPER`) is `WIDER` times the others, as over plants."""
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
+Offset = tuple[str, int, float, str]
+"""Preset of a sensor, file value of reflectance 0, reflectance per file value, and name of products with the offset."""
+OFFSETS: tuple[Offset, ...] = (
+    ("sentinel2", 1000, 1e-4, "Sentinel-2 products since 2022"),  # from baseline 04.00 on (2022-01-25)
+    ("landsat8", 7273, 2.75e-5, "Landsat Level-2 products of Collection 2"),
+    ("landsat7", 7273, 2.75e-5, "Landsat Level-2 products of Collection 2"),
+    ("landsat8", 5000, 2e-5, "Landsat Level-1 products"),
+)
 Alike = tuple[Tile, Raw, Mask]  # a tile, its file values, and where all bands have the same value
 TileValues = tuple[Tile, Raw, Mask | None]
 """A tile, its file values (band, row, column), and the mask of valid values, or None if all are valid."""
@@ -69,6 +75,7 @@ class Undeclared:
         waves = self.wavelengths or [b.wavelength for b in scene.bands]
         bands = tuple(replace(b, wavelength=w) for b, w in zip(scene.bands, waves, strict=True))
         source = scene.source.declared(labelled(info, bands) if self.wavelengths else info)
+        source.undeclared = self
         return replace(scene, source=source, bands=bands, notes=notes)
 
 
@@ -78,7 +85,7 @@ def settled(scene: Scene) -> Scene:
 
 
 def undeclared(scene: Scene) -> Undeclared:
-    """Find undeclared nodata, an undeclared Sentinel-2 offset, and the wavelengths of four bands without names.
+    """Find undeclared nodata, an undeclared offset (`OFFSETS`), and the wavelengths of four bands without names.
 
     With several bands, nodata is searched for if neither file nor caller declares it. It is an unsaturated value that
     all bands have in areas that reach the image edge or contain a square of `SOLID` x `SOLID` pixels. These areas have
@@ -93,7 +100,7 @@ def undeclared(scene: Scene) -> Undeclared:
     # an added alpha only shows how far a resampled file reaches
     masked = any(f.masked or (f.alpha is not None and not (f.warp or {}).get("add_alpha")) for f in source.files)
     silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
-    cut, four = _cut_sentinel2(scene, info), _four(scene)
+    cut, four = _cut_products(scene, info), _four(scene)
     if silent or cut or four:
         blocks: list[TileValues] = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
         if silent and info.count > 1:
@@ -101,7 +108,7 @@ def undeclared(scene: Scene) -> Undeclared:
             each = (_nodata(value, same, blocks, scene, info) for value in _commonest(same))
             found = next((f for f in each if f.notes), found)
         if cut:
-            found = _offset(scene, info, blocks, found)
+            found = _offset(scene, info, blocks, found, cut)
         if four:
             found = _order(scene, info, blocks, found)
     source.undeclared = found
@@ -173,12 +180,14 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
     return np.asarray(binary_propagation(rim & mask, mask=mask))
 
 
-def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether names, integer type and scale suggest bands of a Sentinel-2 product, and no offset is stated."""
-    spectral = [sensors.normalise(b.name) for b in scene.bands if b.wavelength]  # no classes or masks
-    named = len(spectral) > 2 and set(spectral) <= {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
-    scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)
-    return not info.offset_given and not any(info.offsets) and info.dtype.kind in "iu" and named and scaled
+def _cut_products(scene: Scene, info: RasterInfo) -> list[Offset]:
+    """Offsets that file values may include, as sensor, band codes, integer type and scale are those of products."""
+    names = [b.name for b in scene.bands if b.wavelength]  # no classes or masks
+    coded = len(names) > 2 and all(map(band_code, names))
+    if not coded or info.offset_given or any(info.offsets) or info.dtype.kind not in "iu":
+        return []
+    sensor = scene.sensor or getattr(dialect(names), "name", None)
+    return [o for o in OFFSETS if o[0] == sensor and all(s in (1.0, o[2]) for s in info.scales)]
 
 
 def _four(scene: Scene) -> bool:
@@ -209,21 +218,29 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Unde
     return replace(found, wavelengths=waves, notes=(*found.notes, f"{said}; if they are not, pass --bands NAMES"))
 
 
-def _offset(scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Undeclared) -> Undeclared:
-    """Return `found`, with the offset of Sentinel-2 if values in `blocks` show it, or a note if they may have it."""
-    floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
-    waves = [b.wavelength or 0.0 for b in scene.bands]
-    least = min(f for f, w in zip(floors, waves, strict=True) if w)
-    dark = [f for f, w in zip(floors, waves, strict=True) if w > VISIBLE]
-    if not dark or max(dark) > S2_DARK or min(dark) < S2_LEAST or least > S2_FLOOR[1]:
-        return found
-    offset = f"the offset of Sentinel-2 products since 2022 (reflectance = (DN - {S2_OFFSET}) / {S2_QUANTIFICATION})"
-    if least < S2_FLOOR[0]:
-        note = f"no infrared band is darker than {min(dark):.0f}: the numbers may hold {offset}; if so, pass --offset"
-        return replace(found, notes=(*found.notes, f"{note} {-S2_OFFSET}"))
-    note = f"no band is darker than {least:.0f}: the numbers hold {offset}; if they do not, pass --offset 0"
-    offsets = tuple(-S2_OFFSET * scale if w else 0.0 for scale, w in zip(info.scales, waves, strict=True))
-    return replace(found, offsets=offsets, notes=(*found.notes, note))
+def _offset(
+    scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Undeclared, known: Sequence[Offset]
+) -> Undeclared:
+    """Return `found`, with the `known` offset that values in `blocks` show in all bands with a wavelength, or a note if
+    they may have it.
+    """
+    waves, nodatas = [b.wavelength or 0.0 for b in scene.bands], found.nodatas or info.nodatas
+    ends = [_percentiles(blocks, nodatas, p) for p in (0.1, 99)]
+    floors, tops = ([(v, w) for v, w in zip(values, waves, strict=True) if w] for values in ends)
+    infrared = [value for value, wavelength in floors if wavelength > VISIBLE]
+    (lowest, where), (highest, _) = min(floors), max(tops)
+    for _sensor, zero, scale, products in known if infrared else ():
+        most, least, dark, top = (scale * (v - zero) for v in (max(infrared), min(infrared), lowest, highest))
+        excluded = most > DARK_INFRARED or least < LEAST or dark > OF_DARKEST[1] or top > CLOUDS
+        held = dark >= (LEAST if where < VISIBLE else OF_DARKEST[0])
+        if excluded or not (held or where < VISIBLE):
+            continue
+        said, remedy = ("hold", "they do not, pass --offset 0") if held else ("may hold", f"so, pass --offset {-zero}")
+        note = f"no infrared band is darker than {min(infrared):.0f}: the numbers {said} the offset of {products} "
+        note += f"(reflectance = {scale:g} (DN - {zero})); if {remedy}"
+        offsets = tuple(-zero * s if w else 0.0 for s, w in zip(info.scales, waves, strict=True)) if held else ()
+        return replace(found, offsets=offsets, notes=(*found.notes, note))
+    return found
 
 
 def _percentiles(blocks: list[TileValues], nodatas: Nodatas, percent: float) -> list[float]:

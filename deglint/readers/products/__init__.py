@@ -152,7 +152,9 @@ def _of(family: ModuleType, container: Container) -> Product | None:
 
 
 def _root_of(family: ModuleType, place: Path, folder: Container | None) -> Path | None:
-    """Nearest folder above `place` with metadata of `family`, or None. `folder` has the files of a folder `place`."""
+    """Nearest folder above `place` with metadata of `family`, or None. `folder` has the files of a folder `place`.
+    For an image whose name is enough to know the product (NAMED_IN_IMAGES), it is its own folder, if no other is.
+    """
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))
@@ -161,4 +163,5 @@ def _root_of(family: ModuleType, place: Path, folder: Container | None) -> Path 
     else:
         part = re.fullmatch(family.IMAGES, place.name, re.IGNORECASE) is not None
     near = list(place.parents)[: above + 1] if part else ()
-    return next((folder for folder in near if any(map(wanted.fullmatch, os.listdir(folder)))), None)  # noqa: PTH208
+    alone = place.parent if part and getattr(family, "NAMED_IN_IMAGES", False) else None
+    return next((folder for folder in near if any(map(wanted.fullmatch, os.listdir(folder)))), alone)  # noqa: PTH208

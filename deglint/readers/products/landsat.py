@@ -13,15 +13,12 @@ from .metadata import FULL, Container, Product, ProductBand, said, said_number, 
 
 METADATA = r"(?P<scene>L[CO]0[89]_.*)_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
+NAMED_IN_IMAGES = True
 _LEVEL2 = "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS"
 _MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"), "2": (_LEVEL2, _LEVEL2)}
 """For each level, two groups of the MTL file: that with scales and offsets, and that with the largest file values."""
-SURFACE = (2.75e-05, -0.2)
-"""Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing."""
-_WITHOUT_MTL = {
-    "1": "file values are used without scaling. Download the MTL file again, or give --scale and --offset",
-    "2": f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed",
-}
+FACTORS = {"1": (2e-05, -0.1), "2": (2.75e-05, -0.2)}
+"""Scale and offset of all products of each level of Collection 2 (USGS), used if the MTL file is missing."""
 LANDSAT_ORBIT = 705_000.0
 """Altitude of Landsat 8 and 9 [m], to convert ROLL_ANGLE (0, in a few scenes about 15 degrees) to incidence angles."""
 CIRRUS = (1373.5, 20.0)  # centre and width of B9 [nm] (USGS: 1363-1384 nm); the preset has only the bands 1 to 7
@@ -40,7 +37,8 @@ def find(container: Container) -> Product | None:
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
     own = sorted([n for n, m in texts if m["scene"] == scene], key=lambda n: (not n.lower().endswith(".txt"), n))
     root = container.tree(own[0], _MTL_GROUPS[level][0]) if own else None
-    notes = [] if own else [f"{container.path} has no *_MTL.txt: {_WITHOUT_MTL[level]}"]
+    assumed = "scale {:g} and offset {:g} of all Level-{} products of Collection 2 are assumed"
+    notes = [] if own else [f"{container.path} has no *_MTL.txt: {assumed.format(*FACTORS[level], level)}"]
     bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, root) for n, m in images]
     facts = None if root is None else root.find(".//IMAGE_ATTRIBUTES")
     elevation = said_number(facts, "SUN_ELEVATION")
@@ -65,7 +63,5 @@ def _band(path: str, name: str, digit: str, level: str, root: ET.Element | None)
     centre, width = CIRRUS if digit == "9" else (None, None)
     band = ProductBand(path, name, wavelength=centre, width=width, nodata=0.0, saturation=full)
     if scale is None or offset is None:
-        if level == "1":
-            return band
-        scale, offset = SURFACE
+        scale, offset = FACTORS[level]
     return replace(band, scale=scale, offset=offset, unit="reflectance")
