@@ -481,9 +481,11 @@ def test_help_names_what_there_is():
 
 
 @pytest.mark.slow
-def test_a_grid_of_experiments_makes_its_directory(tmp_path):
+def test_a_grid_of_experiments_makes_its_directory(tmp_path, monkeypatch):
     from deglint.cli import run
 
+    one = simulate(Setup(size=(32, 32)))
+    monkeypatch.setattr("deglint.simulate.simulate", lambda setup, **_options: replace(one, setup=setup))
     out = tmp_path / "experiments"
     command = ["simulate", "--grid", "--size", "32", "--delay", "0", "--objects", "none", "--foam", "auto", "-q"]
     assert run([*command, "--wind", "5", "--wind", "12", str(out)]) == 0
