@@ -173,15 +173,18 @@ def test_a_lost_offset_is_found_and_leaves_the_output_in_its_own_numbers(sea, wr
     np.testing.assert_array_equal(outs[1], outs[0] + 1000)
 
 
-def test_a_class_band_hides_no_offset_and_is_copied(sea, write, read, deglint, tmp_path):
+@pytest.mark.parametrize("options", [(), ("--compensate", "thesis")])
+def test_a_class_band_hides_no_offset_and_is_copied(options, sea, write, read, deglint, tmp_path):
     scene = lost_offset(sea)
+    scene[:3, 20:50:10, 10:80:10] += np.uint16(900)  # glint that the NIR does not show
     classes = np.full_like(scene[:1], 6)
+    classes[:, 30, 10:80] = 9
     source = write(tmp_path / "in.tif", np.concatenate([scene, classes]), names=[*SENTINEL2, "SCL"])
     alone = write(tmp_path / "alone.tif", scene, names=SENTINEL2)
     assert settled(open_scene(source)).source.info.offsets == (-1000.0,) * 4 + (0.0,)
     outs = []
     for path in (source, alone):
-        ran = deglint("remove", path, tmp_path / "out.tif", "--overwrite")
+        ran = deglint("remove", path, tmp_path / "out.tif", "--overwrite", *options)
         assert ran.code == 0, ran.err
         outs.append(read(tmp_path / "out.tif"))
     np.testing.assert_array_equal(outs[0][4], classes[0])

@@ -81,8 +81,7 @@ def roles_of(scene: Scene, nir: int) -> tuple[Roles, tuple[int, ...]]:
     visible = {role: band for role, band in band_roles(scene).items() if role in ("blue", "green", "red")}
     found = {role: band for role, band in visible.items() if band not in (None, nir)}
     edge = [(b.wavelength, i) for i, b in enumerate(scene.bands) if i != nir and (b.wavelength or RED_EDGE) < RED_EDGE]
-    # over water, the red edge is brighter than the NIR, too
-    found = (found or ({"red": min(edge)[1]} if edge else {})) | {"nir": nir}
+    found = (found or ({"red": min(edge)[1]} if edge else {})) | {"nir": nir}  # over water, red edge exceeds NIR, too
     bands = tuple(sorted(found.values()))
     return Roles(**{role: bands.index(band) for role, band in found.items()}), bands
 
