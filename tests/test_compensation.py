@@ -53,6 +53,35 @@ def test_the_default_brings_the_water_back(made, tmp_path, delay, limit):
     assert error(tmp_path / "out.tif", truth) < limit, result.fitted.choice.lines()
 
 
+@pytest.mark.parametrize("chain", ["auto", "thesis"])
+def test_a_band_of_classes_is_copied_and_changes_no_other(made, tmp_path, chain):
+    """It has no wavelength, no blur and no time, and its numbers are no light."""
+    path, truth = made()
+    with rasterio.open(path) as source:
+        profile, bands, tags = source.profile, source.read(), source.tags()
+        own = [source.tags(i) for i in source.indexes]
+        names, scales = source.descriptions, source.scales
+    classes = np.zeros_like(bands[:1])
+    classes[:, ::9] = 7
+    profile.update(count=len(bands) + 1)
+    with rasterio.open(tmp_path / "in.tif", "w", **profile) as more:
+        more.write(np.concatenate([bands, classes]))
+        more.descriptions, more.scales = (*names, "classes"), (*scales, 1.0)
+        more.update_tags(**tags)
+        for i, facts in enumerate(own, start=1):
+            more.update_tags(i, **facts)
+    recipe = Recipe(compensate=chain)
+    alone = remove_glint(path, tmp_path / "alone.tif", recipe)
+    beside = remove_glint(tmp_path / "in.tif", tmp_path / "beside.tif", recipe)
+    assert beside.fitted.chain.text == alone.fitted.chain.text
+    found = open_scene(tmp_path / "beside.tif").read()
+    np.testing.assert_array_equal(found[len(bands) :], classes)
+    if chain == "auto":
+        assert error(tmp_path / "beside.tif", truth) == pytest.approx(error(tmp_path / "alone.tif", truth), rel=0.02)
+    else:
+        np.testing.assert_array_equal(found[: len(bands)], open_scene(tmp_path / "alone.tif").read())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("chain", [OPENING, POSTERIOR, "thesis"])
 def test_the_same_bits_however_a_scene_is_stored_and_read(made, tmp_path, chain):

@@ -141,26 +141,14 @@ def choose(
 ) -> Choice:
     """Try candidate recipes on sample tiles, and choose the simplest of those with nearly the least expected error.
 
-    Parameters
-    ----------
-    sample : Sample
-        Sample tiles, and masks of the pixels to use, as returned by `without_ships` unless pixels are fine.
-    setting : Setting
-        Bands, NIR and other properties of the scene.
-    correct : sequence of int
-        0-based bands to correct; candidates are judged by these bands only.
-    removal : callable
-        Returns, for the name of a method, the function that fits it to a sample.
-    width : float
-        Width of the smallest object to keep [pixel].
-    fine : bool
-        True if pixels resolve sparkle: a candidate that removes mirrored sky instead of sparkle is then refused.
+    sample : tiles, and masks of the pixels to use, as returned by `without_ships` unless pixels are fine
+    correct : 0-based bands to correct; candidates are judged by these bands only
+    removal : returns, for the name of a method, the function that fits it to a sample
+    width : width of the smallest object to keep [pixel]
+    fine : True if pixels resolve sparkle: a candidate that removes mirrored sky instead of sparkle is then refused
 
-    Returns
-    -------
-    Choice
-        Its best candidate is "copy", which changes nothing, if no other is much better (`WORTH_REMOVING`) or no band
-        varies. It is "wiener" if there are too few pixels to try others, or if values are too large.
+    The best candidate is "copy", which changes nothing, if no other is much better (`WORTH_REMOVING`) or no band
+    varies. It is "wiener" if there are too few pixels to try others, or if values are too large.
     """
     if _too_small(sample):
         return Choice(WIENER, width=width)

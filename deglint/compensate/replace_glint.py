@@ -65,8 +65,8 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """Make the stage; "nearest" is by wavelength, among bands that have one; or by number if fewer than 2 have one."""
-    waves = setting.wavelengths
-    place = waves if np.isfinite(waves).sum() > 1 else np.arange(len(waves), dtype=float)
+    """Make the stage for `Setting.images`; "nearest" is by wavelength, or by number if a wavelength is not known."""
+    waves, images = setting.wavelengths, setting.images
+    place = waves if np.isfinite(waves[images]).all() else np.arange(len(waves), dtype=float)
     order = [np.argsort(np.abs(place - own), kind="stable").tolist() for own in place]
-    return ReplaceBands(tuple(tuple(j for j in o if j != i and np.isfinite(place[j])) for i, o in enumerate(order)))
+    return ReplaceBands(tuple(tuple(j for j in o if j != i and images[j]) for i, o in enumerate(order)))

@@ -18,6 +18,7 @@ from .psf import PSF
 Float32 = npt.NDArray[np.float32]
 LEAST_DELAY = 0.01  # least time between the first and the last band, in which ripples change [s]
 LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m
+NEVER = 1e6  # time offset of bands that are no images [s]: far from all others
 LARGEST = 1e15  # sums of the squares of larger numbers exceed float32
 
 
@@ -96,25 +97,33 @@ class Setting:
         return np.array([b.wavelength or np.nan for b in self.bands])
 
     @cached_property
+    def images(self) -> Mask:
+        """Mask (band,): NIR, and bands with a wavelength (or all without any), beside which others are classes."""
+        nir, known = np.isin(np.arange(len(self.bands)), self.nir), np.isfinite(self.wavelengths)
+        return np.asarray(nir | known | ~known[~nir].any())
+
+    @cached_property
     def offsets(self) -> Float64 | None:
-        """Time offset of each band, (band,) [s]; None if not known for all bands."""
-        found = [b.time_offset for b in self.bands]
-        return None if any(t is None for t in found) else np.array(found, np.float64)
+        """Time offset of each band, (band,) [s]; None if not known for all `images`. It is `NEVER` for other bands."""
+        found = np.array([np.nan if b.time_offset is None else b.time_offset for b in self.bands])
+        return None if np.isnan(found[self.images]).any() else np.where(self.images, found, NEVER)
 
     @cached_property
     def delayed(self) -> bool:
-        """Whether the times of the bands are known, and span at least 0.01 s (`LEAST_DELAY`)."""
-        return self.offsets is not None and float(np.ptp(self.offsets)) >= LEAST_DELAY
+        """Whether the times of the `images` are known, and span at least 0.01 s (`LEAST_DELAY`)."""
+        return self.offsets is not None and float(np.ptp(self.offsets[self.images])) >= LEAST_DELAY
 
     @cached_property
     def colour(self) -> Float32:
-        """Spectrum of glint, (band,): direct solar irradiance [W m-2 nm-1]; all 1 if a band is not 300 to 1000 nm."""
+        """Spectrum of glint, (band,): direct solar irradiance [W m-2 nm-1], 1 in bands that are no `images`; all 1 if
+        one of the `images` is not at 300 to 1000 nm.
+        """
         from ..physics.atmosphere import irradiance
 
-        known = np.isfinite(self.wavelengths) & (self.wavelengths > 300) & (self.wavelengths < 1000)
-        if not known.all():
+        waves = self.wavelengths[self.images]
+        if not ((waves > 300) & (waves < 1000)).all():
             return np.ones(len(self.bands), np.float32)
-        return np.asarray(irradiance(self.wavelengths, SUN_ZENITH).direct, np.float32)
+        return np.asarray(irradiance(np.where(self.images, self.wavelengths, 550.0), SUN_ZENITH).direct, np.float32)
 
 
 @dataclass(frozen=True, eq=False)

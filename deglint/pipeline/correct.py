@@ -256,11 +256,10 @@ def correction(
     wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
-    known = [i for i, b in enumerate(scene.bands) if b.wavelength or i in fitted.model.index_bands]  # no classes
-    every = known if len(known) > len(fitted.model.index_bands) else range(len(scene.bands))
-    every = every if fitted.chain.replaces else sorted(f.band for f in fitted.model.fits)
+    images = Setting(scene.bands, tuple(fitted.model.index_bands)).images
+    every = np.flatnonzero(images) if fitted.chain.replaces else sorted(f.band for f in fitted.model.fits)
     wanted_bands = {find_band(scene, b) for b in fitted.recipe.bands}
-    changed = [b for b in every if b in wanted_bands or not wanted_bands]
+    changed = [int(b) for b in every if b in wanted_bands or not wanted_bands]
     rule, wants = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
     work = Correction(
         scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, tuple(changed), want_amount=wants

@@ -12,7 +12,7 @@ from .. import tiles as tiling
 from ..choose import Choice, choose, without_ships
 from ..compensate import Background, Chain, FitRemoval, ReplaceLevel, Sample, Setting, State, fit_chain
 from ..compensate.posterior import WAVES_RESOLVED
-from ..compensate.psf import system_psf, typical_psf
+from ..compensate.psf import PSF, system_psf, typical_psf
 from ..masks import SHORE, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL, Mask
@@ -124,12 +124,14 @@ def strips_in(job: Job, kinds: SquareKinds) -> Strips:
 
 def setting(job: Job) -> Setting:
     """Properties of the scene of a job that the fit of a chain needs: bands, NIR, PSFs and pixel size."""
-    optics, psfs = optics_of(job.scene), None
-    wavelengths = [b.wavelength for b in job.scene.bands if b.wavelength and 300 <= b.wavelength <= 2500]
-    if len(wavelengths) == len(job.scene.bands):
-        psfs = tuple(system_psf(w, **optics) if optics else typical_psf(w) for w in wavelengths)
-    nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
-    return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or 0.0)
+    optics, nir = optics_of(job.scene), tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
+    found = Setting(job.scene.bands, nir, pixel=pixel_size(job.scene) or 0.0)
+    waves = found.wavelengths[found.images].tolist()
+    if not all(300 <= w <= 2500 for w in waves):
+        return found
+    known = {w: system_psf(w, **optics) if optics else typical_psf(w) for w in waves}
+    sharp = PSF(np.ones((1, 1)))  # of bands that are no images
+    return replace(found, psfs=tuple(known.get(w, sharp) for w in found.wavelengths.tolist()))
 
 
 def read_training(job: Job, *, for_chain: bool) -> list[Training]:
