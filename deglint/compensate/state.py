@@ -98,7 +98,7 @@ class Setting:
 
     @cached_property
     def images(self) -> Mask:
-        """Mask (band,): NIR, and bands with a wavelength (or all without any), beside which others are classes."""
+        """Mask (band,) of the NIR and of bands with a wavelength; others are classes. All True if only NIR have one."""
         nir, known = np.isin(np.arange(len(self.bands)), self.nir), np.isfinite(self.wavelengths)
         return np.asarray(nir | known | ~known[~nir].any())
 
