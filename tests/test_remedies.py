@@ -95,9 +95,9 @@ def test_a_mask_in_a_file_is_the_users_word(sea, write, geojson, tmp_path, monke
         assert not changed.any()
 
 
-def test_without_a_visible_band_a_sample_and_a_mask_help(sea, write, deglint, geojson, tmp_path, capfd):
+def test_without_a_known_band_below_750_nm_a_sample_and_a_mask_help(sea, write, deglint, geojson, tmp_path, capfd):
     scene = sea(80, 100)[2:]
-    source = write(tmp_path / "in.tif", scene, names=("rededge", "nir"))
+    source = write(tmp_path / "in.tif", scene, names=("other", "nir"))
     out = tmp_path / "out.tif"
     ran = deglint("remove", source, out, *HEDLEY)
     assert ran.code == 1

@@ -216,7 +216,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
         return recipe, None, known
     overview = overview_of(scene, nir, threads)
     if overview.water is None:
-        raise InputError("water cannot be determined without a visible band. Give --mask FILE, or --mask none.")
+        raise InputError("water cannot be determined without a band below 750 nm. Give --mask FILE, or --mask none.")
     if not overview.water.has_water:
         raise NoWaterError(overview.water.reason)
     return recipe, None, (overview.water, overview.bands)
