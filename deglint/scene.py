@@ -5,7 +5,7 @@ physical units (scale and offset applied), with NaN where a pixel is not valid. 
 `deglint.readers` makes scenes, `deglint.raster` reads their pixels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Protocol
@@ -50,6 +50,12 @@ class Band:
     time_offset: float | None = None
     group: str | None = None
     saturation: float | None = None
+
+
+def image_bands(bands: Sequence[Band], nir: Collection[int]) -> list[int]:
+    """0-based bands that are images: `nir`, and bands with a wavelength (all, if no other has); others are classes."""
+    unknown = not any(b.wavelength for i, b in enumerate(bands) if i not in nir)
+    return [i for i, b in enumerate(bands) if unknown or b.wavelength or i in nir]
 
 
 class Source(Protocol):

@@ -222,7 +222,7 @@ def test_a_suspected_offset_is_said_once(sea, write, deglint, tmp_path):
         (("B2", "B3", "B4", "B5", "B6"), "landsat8", 5000, 2e-5),
     ],
 )
-def test_the_offset_of_landsat_is_found(names, sensor, zero, scale, sea, write, read, tmp_path):
+def test_the_offset_of_landsat_is_found(names, sensor, zero, scale, sea, write, tmp_path):
     """Without it, the level of the glint would be that of the offset, and all of the water would be darkened."""
     bands = lost_offset(sea, 0)
     reflectance = np.concatenate([bands, bands[3:]]) / 10_000

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..errors import FitError, InputError
 from ..moments import Float64, Mask
 from ..remove.spectrum import SUN_ZENITH
-from ..scene import ROUNDED, Band
+from ..scene import ROUNDED, Band, image_bands
 from .psf import PSF
 
 Float32 = npt.NDArray[np.float32]
@@ -98,9 +98,8 @@ class Setting:
 
     @cached_property
     def images(self) -> Mask:
-        """Mask (band,) of the NIR and of bands with a wavelength; others are classes. All True if only NIR have one."""
-        nir, known = np.isin(np.arange(len(self.bands)), self.nir), np.isfinite(self.wavelengths)
-        return np.asarray(nir | known | ~known[~nir].any())
+        """Mask (band,) of the bands that are images (`image_bands`)."""
+        return np.isin(np.arange(len(self.bands)), image_bands(self.bands, self.nir))
 
     @cached_property
     def offsets(self) -> Float64 | None:

@@ -29,7 +29,7 @@ from ..readers.roles import find_band
 from ..remove import GlintModel, apply
 from ..remove.noise import noise
 from ..remove.predict import glint
-from ..scene import FloatArray, Scene
+from ..scene import FloatArray, Scene, image_bands
 from ..tiles import Tile
 from . import flags as bits
 from .block import Block, Corrected, CorrectedTile
@@ -256,14 +256,12 @@ def correction(
     wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
-    images = Setting(scene.bands, tuple(fitted.model.index_bands)).images
-    every = np.flatnonzero(images) if fitted.chain.replaces else sorted(f.band for f in fitted.model.fits)
+    model, chain = fitted.model, fitted.chain
+    every = image_bands(scene.bands, model.index_bands) if chain.replaces else sorted(f.band for f in model.fits)
     wanted_bands = {find_band(scene, b) for b in fitted.recipe.bands}
-    changed = [int(b) for b in every if b in wanted_bands or not wanted_bands]
+    changed = [b for b in every if b in wanted_bands or not wanted_bands]
     rule, wants = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
-    work = Correction(
-        scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, tuple(changed), want_amount=wants
-    )
+    work = Correction(scene, model, layout, chain, area, rule, fitted.water_bands, tuple(changed), want_amount=wants)
     if targets and targets.flags:
         work = _with_noise(work, threads)
     if targets and targets.stderr:

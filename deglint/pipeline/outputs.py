@@ -200,7 +200,7 @@ def _skipped(fitted: Fitted, names: Sequence[str], counts: PixelCounts) -> dict[
     elif fitted.recipe.mask != "auto":
         out["water mask"] = f"given: {fitted.recipe.mask}"
     elif fitted.water is None:
-        out["water mask"] = "no visible band to determine water from: every valid pixel is corrected"
+        out["water mask"] = "no band below 750 nm is known: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
     for i, (name, pixels) in enumerate(counts.by_band("changed", names).items()):
         if i not in corrected:

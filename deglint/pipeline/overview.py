@@ -44,7 +44,7 @@ class Overview:
 
     tiles: tuple[Tile, ...]  # tiles that were read and hold valid pixels
     bands: tuple[int, ...]  # 0-based scene bands that the masks use (visible and NIR), in ascending order
-    water: WaterRule | None  # None if it was not requested, or if the scene has no visible band
+    water: WaterRule | None  # None if it was not requested, or if no band below 750 nm is known
     whole: bool  # the overview covers the whole scene
 
 
@@ -114,7 +114,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int) -> Overview:
-    """The first overview with water, else the last; if the scene has no visible band, the first. `nir` is 0-based."""
+    """The first overview with water, else the last; if no band below 750 nm is known, the first. `nir` is 0-based."""
     for overview in overviews(scene, nir, threads, wanted=True):
         if overview.water is None or overview.water.has_water:
             break

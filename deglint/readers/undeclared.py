@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import tiles as tiling
-from ..moments import Mask
+from ..moments import Float64, Mask
 from ..morphology import grown, opened
 from ..raster.convert import Nodatas, Raw
 from ..raster.info import RasterInfo
@@ -20,6 +20,7 @@ from ..raster.source import RasterSource
 from ..scene import Scene
 from ..tiles import Tile
 from .bands import dialect, labelled
+from .products.landsat import FACTORS
 from .roles import VISIBLE
 from .spectral import band_code, nominal_wavelength
 
@@ -48,9 +49,10 @@ Offset = tuple[str, int, float, str]
 """Preset of a sensor, file value of reflectance 0, reflectance per file value, and name of products with the offset."""
 OFFSETS: tuple[Offset, ...] = (
     ("sentinel2", 1000, 1e-4, "Sentinel-2 products since 2022"),  # from baseline 04.00 on (2022-01-25)
-    ("landsat8", 7273, 2.75e-5, "Landsat Level-2 products of Collection 2"),
-    ("landsat7", 7273, 2.75e-5, "Landsat Level-2 products of Collection 2"),
-    ("landsat8", 5000, 2e-5, "Landsat Level-1 products"),
+    *(
+        (sensor, round(-FACTORS[level][1] / FACTORS[level][0]), FACTORS[level][0], f"Landsat Level-{level} products")
+        for sensor, level in (("landsat8", "2"), ("landsat7", "2"), ("landsat8", "1"))
+    ),
 )
 Alike = tuple[Tile, Raw, Mask]  # a tile, its file values, and where all bands have the same value
 TileValues = tuple[Tile, Raw, Mask | None]
@@ -200,7 +202,7 @@ def _four(scene: Scene) -> bool:
 def _order(scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Undeclared) -> Undeclared:
     """Return `found`, with wavelengths of the four bands if the values in `blocks` agree with the order `ORDER`."""
     nodatas = found.nodatas or info.nodatas
-    dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
+    dark, bright = _percentiles(blocks, nodatas, (DARK, UPPER)) * info.scales + info.offsets
     if not np.isfinite(dark).all():  # of a band without valid values
         return found
     if not (dark[3] < dark[:3].min() or (bright - dark)[3] > WIDER * (bright - dark)[:3].max()):
@@ -221,11 +223,9 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Unde
 def _offset(
     scene: Scene, info: RasterInfo, blocks: list[TileValues], found: Undeclared, known: Sequence[Offset]
 ) -> Undeclared:
-    """Return `found`, with the `known` offset that values in `blocks` show in all bands with a wavelength, or a note if
-    they may have it.
-    """
+    """Return `found` with the `known` offset that values in `blocks` show, or with a note if they may have it."""
     waves, nodatas = [b.wavelength or 0.0 for b in scene.bands], found.nodatas or info.nodatas
-    ends = [_percentiles(blocks, nodatas, p) for p in (0.1, 99)]
+    ends = _percentiles(blocks, nodatas, (0.1, 99)).tolist()
     floors, tops = ([(v, w) for v, w in zip(values, waves, strict=True) if w] for values in ends)
     infrared = [value for value, wavelength in floors if wavelength > VISIBLE]
     (lowest, where), (highest, _) = min(floors), max(tops)
@@ -243,12 +243,12 @@ def _offset(
     return found
 
 
-def _percentiles(blocks: list[TileValues], nodatas: Nodatas, percent: float) -> list[float]:
-    """Percentile `percent` of each band's valid file values in pixels where not all bands are 0; infinite if none."""
-    out = []
+def _percentiles(blocks: list[TileValues], nodatas: Nodatas, percents: Sequence[float]) -> Float64:
+    """Percentiles of valid file values in pixels where not all bands are 0, (percent, band); infinite if none."""
+    out = np.full((len(percents), len(nodatas)), np.inf)
     for band, nodata in enumerate(nodatas):
         values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])
-        out.append(float(np.percentile(values, percent)) if values.size else math.inf)
+        out[:, band] = np.percentile(values, percents) if values.size else np.inf
     return out
 
 

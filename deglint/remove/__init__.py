@@ -19,7 +19,7 @@ from ..checks import check_choice, checked_keywords, described
 from ..errors import InputError
 from ..moments import Mask
 from ..morphology import squares
-from ..scene import Band, FloatArray
+from ..scene import Band, FloatArray, image_bands
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, mixture, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import apply
@@ -177,8 +177,7 @@ def nir_request(
     """
     nir = _numbers(nir, len(bands), "nir")
     limit = max([w for b in nir if (w := bands[b].wavelength)], default=math.inf)
-    unknown = math.inf if any(b.wavelength for i, b in enumerate(bands) if i not in nir) else 0.0
-    shorter = [i for i, b in enumerate(bands) if (b.wavelength or unknown) < limit]
+    shorter = [i for i in image_bands(bands, nir) if (bands[i].wavelength or 0.0) < limit]
     wanted = shorter if correct is None else _numbers(correct, len(bands), "correct")
     chosen = tuple(dict.fromkeys(b for b in wanted if b not in nir))
     check_choice(use, ["mean", "best", "set"], "use of several NIR bands")

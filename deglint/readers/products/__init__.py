@@ -27,7 +27,7 @@ PRODUCTS: dict[str, ModuleType] = {
 }
 """Module of each family of products, in the order in which they are tried. In a module, METADATA is the regular
 expression for names of metadata files, and IMAGES that for names of images that may have metadata nearby: beside them,
-or up to FOLDERS_ABOVE folders above."""
+or up to FOLDERS_ABOVE folders above. With NAMED_IN_IMAGES, names of images tell the product without metadata."""
 
 
 @dataclass(frozen=True)
@@ -152,9 +152,7 @@ def _of(family: ModuleType, container: Container) -> Product | None:
 
 
 def _root_of(family: ModuleType, place: Path, folder: Container | None) -> Path | None:
-    """Nearest folder above `place` with metadata of `family`, or None. `folder` has the files of a folder `place`.
-    For an image whose name is enough to know the product (NAMED_IN_IMAGES), it is its own folder, if no other is.
-    """
+    """Folder of the product of `family` at `place` (see `PRODUCTS`), or None. `folder` has the files, if it is one."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))
