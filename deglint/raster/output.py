@@ -37,8 +37,9 @@ _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "
 """Entries of a rasterio profile that are not creation options: a copied file has them from its source."""
 _REFUSED = (*_OF_CONTENT, "mode", "sharing", "profile", "tfw", "rpb", "rpctxt")
 """Options that would change what the pixels mean, leave metadata out of the file, or write other files beside it."""
-_UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "bigtiff")
-"""Profile entries with which a file with overviews is first written; `add_overviews` copies it with all options."""
+_UNPACKED = (*_OF_CONTENT, "tiled", "blockxsize", "blockysize", "bigtiff")
+"""Profile entries with which a file with overviews is first written; `add_overviews` copies it with all options. Each
+band has its own blocks at first: GDAL makes overviews band by band, and would read interleaved blocks for each band."""
 
 
 def levels(height: int, width: int) -> list[int]:
@@ -113,7 +114,7 @@ class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
                 self._dataset = rasterio.open(path, "w", **profile)
                 if layout.overviews:  # GDAL has accepted the options; `add_overviews` uses them for the copy
                     self._dataset.close()
-                    plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
+                    plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED} | {"interleave": "band"}
                     self._dataset = rasterio.open(path, "w", **plain)
             _describe(self._dataset, layout)
             if layout.masked:
