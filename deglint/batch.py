@@ -28,10 +28,11 @@ from .checks import check_choice, check_kind
 from .checksum import are_as, fingerprint, is_as
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Outputs
-from .pipeline.outputs import BESIDE, DTYPES
+from .pipeline.outputs import BESIDE
 from .pipeline.recipe import Recipe, band_names
 from .pipeline.run import READING, remove_glint
 from .raster.environment import environment
+from .raster.output import DTYPES
 from .raster.targets import check_target, check_unread, claimed, files_behind, make_directory
 from .readers.scenes import ListedScene, checked_name, files_of
 from .readers.text import read_json, read_toml

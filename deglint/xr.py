@@ -29,11 +29,11 @@ from .errors import DeglintError, FitError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
-from .pipeline.outputs import DTYPES
 from .pipeline.overview import raster_of
 from .raster.convert import Raw
 from .raster.environment import enter_thread
 from .raster.info import RasterInfo
+from .raster.output import DTYPES
 from .raster.source import ArraySource
 from .readers.arrays import BANDS, PER_BAND, ArrayScene, axes, open_array
 from .readers.undeclared import settled

@@ -14,7 +14,8 @@ import pytest
 from deglint import cli
 from deglint.cli import options
 from deglint.cli import remove as command
-from deglint.remove import METHODS, REGRESSIONS
+from deglint.raster.output import DTYPES
+from deglint.remove import METHODS, NIR_USES, REGRESSIONS
 from detect.global_rx import DETECTORS
 
 from .common import RUN, says
@@ -46,7 +47,8 @@ def test_starting_loads_no_heavy_package(code, needed):
 
 def test_the_choices_of_the_command_line_are_the_tables():
     choices = {p.name: p.type.choices for p in command.remove.params if isinstance(p.type, options.ChoiceFromTable)}
-    assert choices == {"method": ("auto", *METHODS), "regression": ("auto", *REGRESSIONS)}
+    tables = {"method": ("auto", *METHODS), "regression": ("auto", *REGRESSIONS), "nir_use": ("auto", *NIR_USES)}
+    assert choices == tables | {"dtype": DTYPES}
 
 
 @pytest.mark.parametrize(("call", "table"), [("deglint remove", METHODS), ("rxdetect score", DETECTORS)])

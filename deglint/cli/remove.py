@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 METHOD = ChoiceFromTable("METHODS", "deglint.remove", "auto")
 REGRESSION = ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto")
-NIR_USE = click.Choice(["auto", "mean", "best", "set"], case_sensitive=False)
-DTYPE = click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"], case_sensitive=False)
+NIR_USE = ChoiceFromTable("NIR_USES", "deglint.remove", "auto")
+DTYPE = ChoiceFromTable("DTYPES", "deglint.raster.output")
 PERCENT = click.FloatRange(0, 100)
 PERCENT.name = "number from 0 to 100, such as 5"  # in the message: "5%" is not a valid ...
 KEPT_WIDTH = "4m, or 16px where the size of a pixel is not known"

@@ -17,7 +17,7 @@ from ..checksum import Checksum
 from ..compensate.stages import Chain, chain_from
 from ..errors import InputError
 from ..raster import RasterSource
-from ..raster.output import plain
+from ..raster.output import DTYPES, plain
 from ..readers.products.drone import UNREGISTERED
 from ..readers.text import read_text
 from ..remove import GlintModel
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 BESIDE = {"flags": "tif", "amount": "tif", "stderr": "tif", "sample": "geojson", "model": "json", "picture": "png"}
 """Optional outputs beside the image and its sidecar, and the usual extensions of their file names."""
-DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 Counts = npt.NDArray[np.int64] | int
 Saved = tuple[GlintModel | None, Chain | None]  # result of `load_fit`, or (None, None) without a saved model
 

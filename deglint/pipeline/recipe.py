@@ -10,7 +10,7 @@ from ..checks import as_path, check_choice, check_kind, check_number, checked_ke
 from ..compensate import THESIS_CHAIN, parse
 from ..errors import InputError
 from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
-from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request
+from ..remove import METHODS, NIR_USES, REGRESSIONS, FitRequest, nir_request
 from ..scene import Scene
 
 CHAINS = ("auto", "thesis", "off")  # names for chains of stages
@@ -74,7 +74,7 @@ class Recipe:
             object.__setattr__(self, name, text)
         check_choice(self.method, ["auto", *METHODS], "method")
         check_choice(self.regression, ["auto", *REGRESSIONS], "regression")
-        check_choice(self.nir_use, ["auto", "mean", "best", "set"], "nir_use")
+        check_choice(self.nir_use, ["auto", *NIR_USES], "nir_use")
         check_number(self.floor_percentile, 0, 100, "floor_percentile")
         check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
         check_kind(self.compensate, str, "compensate", "Give 'auto', 'thesis', 'off' or a chain of stages.")

@@ -26,6 +26,7 @@ from .convert import Raw, Valid
 from .info import RasterInfo, open_dataset, quiet
 from .targets import DISK_FULL, Scratch, write_errors
 
+DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 BLOCK = 512  # side of the output's blocks [pixel] if the input's blocks are not suitable
 OVERVIEWS_FROM = 1024  # images whose longer side has this size or more get overviews [pixel], as COG validators require
 _SMALLEST_OVERVIEW = 512  # the longer side of the smallest overview is at most this [pixel], as in GDAL's COG driver

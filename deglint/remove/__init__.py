@@ -28,7 +28,7 @@ from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, gather, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
-    "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
+    "METHODS", "NIR_USES", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
     "SampleStatistics", "SampleTile", "apply", "fit", "fit_pointwise", "gather", "merge", "nir_request",
 ]  # fmt: skip
 
@@ -50,6 +50,7 @@ class Method:
     after_opening: Callable[..., GlintModel] | None = None  # `fit` for opened images, if it differs; see `mixture.fit`
 
 
+NIR_USES = ("mean", "best", "set")  # ways to use several NIR bands, see `nir_request`
 _index_plan = partial(regression_plan, keep_index=True)
 _SLOPES, _LEVEL = "regression", "floor_percentile"
 
@@ -180,7 +181,7 @@ def nir_request(
     shorter = [i for i in image_bands(bands, nir) if (bands[i].wavelength or 0.0) < limit]
     wanted = shorter if correct is None else _numbers(correct, len(bands), "correct")
     chosen = tuple(dict.fromkeys(b for b in wanted if b not in nir))
-    check_choice(use, ["mean", "best", "set"], "use of several NIR bands")
+    check_choice(use, list(NIR_USES), "use of several NIR bands")
     if use == "mean":
         indexes = [GlintIndex(tuple(nir), (1.0 / len(nir),) * len(nir))]
         follows: list[int | None] = [0] * len(chosen)
