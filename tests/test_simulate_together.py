@@ -61,12 +61,3 @@ def test_the_image_alone_is_written_on_request(tmp_path):
     assert list(json.loads(files[1].read_text())["files"].values()) == ["sea.tif"]
     with rasterio.open(files[0]) as image:
         np.testing.assert_array_equal(image.read(), scene.image)
-
-
-def test_truth_is_selected_by_suffix_and_unknown_ones_are_refused(tmp_path):
-    scene = simulate(SEA)
-    assert [p.name for p in write_scene(scene, tmp_path / "sea", truth="_truth")] == [
-        "sea.tif", "sea_truth.tif", "sea.json"
-    ]  # fmt: skip
-    with pytest.raises(InputError, match=r"no truth _water.*_truth, _truth_water"):
-        write_scene(scene, tmp_path / "other", truth={"_truth", "_water"})

@@ -7,7 +7,7 @@ plan has values for each viewing geometry (zenith and azimuth of the sensor); it
 
 import json
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -33,21 +33,15 @@ _SIGNED = {"software": f"deglint {__version__}"}
 
 
 def write_scene(
-    scene: "SimulatedScene", stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
+    scene: "SimulatedScene", stem: str | Path, *, overwrite: bool = False, truth: bool = True
 ) -> list[Path]:
     """Write a simulated scene: the image ``DIR/NAME.tif``, its ground truth ``DIR/NAME_*.tif``, and ``DIR/NAME.json``.
 
-    `stem` is ``DIR/NAME``. `truth` selects files of the ground truth: all (True), none (False), or a collection of
-    suffixes such as "_truth_water". Returns the paths. Raises InputError if `truth` has an unknown suffix,
-    and WriteError if a file cannot be written; then no file is written.
+    `stem` is ``DIR/NAME``. Without `truth`, the ground truth is not written. Returns the paths. Raises WriteError if a
+    file cannot be written; then no file is written.
     """
     base = _base(stem)
-    layers = layers_of(scene)
-    if truth is not True:
-        wanted = {"", *([truth] if isinstance(truth, str) else truth or ())}
-        if unknown := ", ".join(sorted(wanted - set(layers))):
-            raise InputError(f"the scene has no truth {unknown}; choose from {', '.join(filter(None, layers))}.")
-        layers = {part: layer for part, layer in layers.items() if part in wanted}
+    layers = {part: layer for part, layer in layers_of(scene).items() if truth or not part}
     targets = {part: base.with_name(f"{base.name}{part}.tif") for part in layers}
     sidecar = base.with_name(f"{base.name}.json")
     check_targets([*targets.values(), sidecar], overwrite=overwrite)
