@@ -23,7 +23,6 @@ from ..physics.atmosphere import CLEAR_AIR, WAVELENGTH_RANGE, irradiance
 from ..physics.glint import VIEW_LIMIT
 from ..physics.slopes import WIND_RANGE
 from ..raster.convert import holds
-from ..raster.info import RasterInfo
 from ..raster.output import Layout
 from ..readers.text import number
 from ..scene import FloatArray, Scene
@@ -158,28 +157,23 @@ def beside(
     bands : 0-based bands of the amounts and the standard errors
     modelled : result of `sky_glint`
     """
-    info = image.info
-    options: dict[str, Any] = {"options": targets.options, "scaled": False, "tile": image.tile}
-    found = {}
+    info, names, found = image.info, [scene.names[b] for b in bands], {}
+    values = Layout(info, bands, "float32", float("nan"), targets.options, scaled=False, tile=image.tile)
     if targets.flags:
         tags = {f"CLASS_{value}": meaning for value, meaning in GLINT_CLASSES.items()}
         own = replace(info, band_tags=({}, {"": {**tags, "SPECIFICATION": SPECIFICATION}}, *info.band_tags[2:]))
-        names = "flags", "sun glint class"
-        found["flags"] = targets.flags, Layout(own, (0, 1), "uint8", None, names=names, flags=FLAGS, **options)
-
-    def values(what: str, kept: RasterInfo) -> Layout:
-        names = tuple(f"{what} {scene.names[b]}" for b in bands)
-        return Layout(kept, bands, "float32", float("nan"), names=names, **options)
-
+        bits = replace(values, info=own, bands=(0, 1), dtype="uint8", nodata=None, flags=FLAGS)
+        found["flags"] = targets.flags, replace(bits, names=("flags", "sun glint class"))
     if targets.amount:
         tags_of = list(info.band_tags)
         for i, band in enumerate(scene.bands):
             if value := modelled and modelled["reflectance"].get(band.name):
                 sky_tags = {"SKY_GLINT_REFLECTANCE": f"{value:.4g}", "SKY_GLINT": MODELLED}
                 tags_of[i] = {**tags_of[i], "": {**tags_of[i].get("", {}), **sky_tags}}
-        found["amount"] = targets.amount, values("sun glint in", replace(info, band_tags=tuple(tags_of)))
+        kept = replace(values, info=replace(info, band_tags=tuple(tags_of)))
+        found["amount"] = targets.amount, replace(kept, names=tuple(f"sun glint in {name}" for name in names))
     if targets.stderr:
-        found["stderr"] = targets.stderr, values("standard error of", info)
+        found["stderr"] = targets.stderr, replace(values, names=tuple(f"standard error of {name}" for name in names))
     return found
 
 
