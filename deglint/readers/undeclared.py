@@ -54,7 +54,6 @@ OFFSETS: tuple[Offset, ...] = (
         for sensor, level in (("landsat8", "2"), ("landsat7", "2"), ("landsat8", "1"))
     ),
 )
-Alike = tuple[Tile, Raw, Mask]  # a tile, its file values, and where all bands have the same value
 TileValues = tuple[Tile, Raw, Mask | None]
 """A tile, its file values (band, row, column), and the mask of valid values, or None if all are valid."""
 
@@ -106,8 +105,7 @@ def undeclared(scene: Scene) -> Undeclared:
     if silent or cut or four:
         blocks: list[TileValues] = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
         if silent and info.count > 1:
-            same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
-            each = (_nodata(value, same, blocks, scene, info) for value in _commonest(same))
+            each = (_nodata(value, blocks, scene, info) for value in _commonest(blocks))
             found = next((f for f in each if f.notes), found)
         if cut:
             found = _offset(scene, info, blocks, found, cut)
@@ -133,15 +131,15 @@ def _tiles(scene: Scene) -> list[Tile]:
     return [Tile(r, min(r + side, size[0]), c, min(c + side, size[1])) for r in rows.tolist() for c in columns.tolist()]
 
 
-def _nodata(value: float, same: list[Alike], blocks: list[TileValues], scene: Scene, info: RasterInfo) -> Undeclared:
+def _nodata(value: float, blocks: list[TileValues], scene: Scene, info: RasterInfo) -> Undeclared:
     """Return `value` as nodata of the bands, or no finding if areas where all bands have it are small or saturated.
 
-    A band with `value` in many pixels where others differ gets no nodata. `same` has `Alike`, `blocks` `TileValues`.
+    A band with `value` in many pixels where others differ gets no nodata.
     """
     total = fill = areas = 0
     single, beside = np.zeros(info.count), []
-    for (tile, raw, alike), (_, _, valid) in zip(same, blocks, strict=True):
-        here = alike & (raw[0] == value)
+    for tile, raw, valid in blocks:
+        here = (raw == value).all(axis=0)
         rim = grown(here, 3) & ~here  # where resampled bands have mixed values
         total, fill = total + here.size, fill + int(here.sum())
         single += ((raw == value) & ~rim & (True if valid is None else valid)).sum(axis=(1, 2))
@@ -163,11 +161,11 @@ def _nodata(value: float, same: list[Alike], blocks: list[TileValues], scene: Sc
     return Undeclared(nodatas, notes=(note,))
 
 
-def _commonest(same: Sequence[Alike]) -> list[float]:
+def _commonest(blocks: list[TileValues]) -> list[float]:
     """Most frequent value up to 0, and most frequent value above 0, among pixels with the same value in all bands."""
     counts: Counter[float] = Counter()
-    for _tile, raw, alike in same:
-        values, many = np.unique(raw[0][alike], return_counts=True)
+    for _tile, raw, _valid in blocks:
+        values, many = np.unique(raw[0][(raw == raw[0]).all(axis=0)], return_counts=True)
         counts.update({float(values[i]): int(many[i]) for i in np.argsort(many)[-4:] if math.isfinite(values[i])})
     kinds = [v for v in counts if v <= 0], [v for v in counts if v > 0]
     return [max(values, key=counts.__getitem__) for values in kinds if values]
