@@ -100,7 +100,8 @@ class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
     """Write a GeoTIFF window by window, in one thread.
 
     `path` is the scratch file that is written; `target` is the final file, whose name is in error messages. Use the
-    writer as a context manager: at the end the file is closed and checked; after an error it is only closed.
+    writer as a context manager: at the end the file is closed, gets its overviews, and is checked; after an error it is
+    only closed.
     """
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
@@ -123,11 +124,16 @@ class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
                 self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            self.close()
-        else:
+        if kind is not None:
             with contextlib.suppress(Exception):
                 self._dataset.close()
+            return
+        with write_errors(self.target):
+            self._dataset.close()
+            if self.layout.overviews:
+                add_overviews(self.path, self._options, average=not self.layout.flags)
+        sparse = str(self._options.get("sparse_ok", "no")).lower() not in ("no", "false", "off", "0")
+        _check_whole(self.path, self.target, sparse=sparse)
 
     def write(self, block: Raw, window: Window) -> None:
         """Write all bands of a window; `block` is (band, row, column), or (row, column) for a single band."""
@@ -139,15 +145,6 @@ class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
         """Write the mask of a window, (row, column), True where a pixel is valid; only if the layout is `masked`."""
         with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
-
-    def close(self) -> None:
-        """Close the file, add overviews if the layout has them, and check that the file is complete."""
-        with write_errors(self.target):
-            self._dataset.close()
-            if self.layout.overviews:
-                add_overviews(self.path, self._options, average=not self.layout.flags)
-        sparse = str(self._options.get("sparse_ok", "no")).lower() not in ("no", "false", "off", "0")
-        _check_whole(self.path, self.target, sparse=sparse)
 
 
 @contextlib.contextmanager
