@@ -62,8 +62,13 @@ class Tile:
 
     def grown(self, halo: int, height: int, width: int) -> Tile:
         """The tile and a halo [pixel] around it, cut off at the edges of a scene of `height` x `width` pixels."""
-        rows = max(self.row0 - halo, 0), min(self.row1 + halo, height)
-        return Tile(*rows, max(self.col0 - halo, 0), min(self.col1 + halo, width))
+        wide = Tile(self.row0 - halo, self.row1 + halo, self.col0 - halo, self.col1 + halo)
+        return wide.clipped(Tile(0, height, 0, width))
+
+    def clipped(self, outer: Tile) -> Tile:
+        """The part of the tile that lies in the tile `outer`; without one, a side of the result is 0 or negative."""
+        rows = max(self.row0, outer.row0), min(self.row1, outer.row1)
+        return Tile(*rows, max(self.col0, outer.col0), min(self.col1, outer.col1))
 
     def split(self, down: int, across: int | None = None) -> list[Tile]:
         """Cut into tiles of `down` x `across` (default: `down`) pixels, smaller at the end, in row-major order."""

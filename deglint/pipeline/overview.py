@@ -15,12 +15,12 @@ from ..masks.find import COARSE_PIXEL
 from ..moments import Mask
 from ..raster import RasterSource
 from ..raster.environment import enter_thread
-from ..readers.areas import open_area, window_area
+from ..readers.areas import open_area, tile_area
 from ..readers.grid import pixel_size
 from ..readers.roles import RED_EDGE, band_roles
 from ..remove import FitRequest
 from ..remove.wiener import SAMPLE_SIDE
-from ..scene import FloatArray, Scene, Window
+from ..scene import FloatArray, Scene
 from ..tiles import T, Tile
 from .recipe import Recipe
 
@@ -89,9 +89,8 @@ def roles_of(scene: Scene, nir: int) -> tuple[Roles, tuple[int, ...]]:
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
     """Tiles spread evenly over a scene, with about `pixels` pixels in all, chosen from at most about 260,000 tiles."""
     side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
-    corners = tiling.tiles(scene.height, scene.width, (side, side))
-    cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
-    return tiling.spread(cut, pixels)
+    corners = [tile.split(TILE_SIDE)[0] for tile in tiling.tiles(scene.height, scene.width, (side, side))]
+    return tiling.spread(corners, pixels)
 
 
 def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
@@ -156,7 +155,7 @@ class Sampler:
     bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
     halo: int = 0  # pixels around a tile that `mask` needs
     numbers: dict[str, object] = field(default_factory=dict)  # entries of the sidecar
-    bounds: Window | None = None  # window around the sample, if the user has given one
+    bounds: Tile | None = None  # tile around the sample, if the user has given one
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,7 @@ def sampler_of(job: Job) -> Sampler:
         numbers = {"rule": rule.numbers(), "tiles": len(overview.tiles)}
         places = overview.tiles, overview.tiles
         return Sampler(*places, lambda block, _tile: deep_water(block, rule), overview.bands, rule.halo, numbers)
-    area = window_area(((0, scene.height), (0, scene.width)))
+    area = tile_area(Tile(0, scene.height, 0, scene.width))
     if sample != "all":
         # the area of --mask is also the sample, if no other sample is given
         area = open_area(sample, scene, "--mask" if sample == job.recipe.mask else "--sample")
@@ -206,8 +205,6 @@ def sampler_of(job: Job) -> Sampler:
     return Sampler(tiles, squares, lambda _block, tile: area.read(tile.window), numbers=numbers, bounds=area.bounds)
 
 
-def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
-    """Tiles of this shape (rows, columns) [pixel] that intersect the window `bounds`."""
-    (top, bottom), (left, right) = bounds
-    every = tiling.tiles(scene.height, scene.width, shape)
-    return [t for t in every if t.row0 < bottom and t.row1 > top and t.col0 < right and t.col1 > left]
+def tiles_over(scene: Scene, bounds: Tile, shape: tuple[int, int]) -> list[Tile]:
+    """Tiles of this shape (rows, columns) [pixel] that overlap with the tile `bounds`."""
+    return [t for t in tiling.tiles(scene.height, scene.width, shape) if min(t.clipped(bounds).shape) > 0]

@@ -244,10 +244,10 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     work = correction(scene, fitted, mask=mask)
     whole = Tile(top, bottom, left, right)
     out = np.empty((len(scene.bands), *whole.shape), physical_dtype(raster_of(scene).info.dtype))
-    everything = tiles_over(scene, whole.window, work.layout.tile)
+    everything = tiles_over(scene, whole, work.layout.tile)
     progress = partial(Reporter(), "correct")
     with environment():
         for tile, (clean, _where) in tiling.run(everything, work.values, progress=progress, start=enter_thread):
-            part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
+            part = tile.clipped(whole)
             out[part.within(whole)] = clean[part.within(tile)]
     return out

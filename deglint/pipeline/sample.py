@@ -224,7 +224,7 @@ def _part_of(found: Training, scene: Scene) -> Training:
     """Part of a tile for trials: the first of the squares at its corners that has sample pixels, else the first."""
     tile, side = found.tile, TRIED_SIDE
     rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
-    corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]
+    corners = [Tile(r, r + side, c, c + side).clipped(tile) for r in rows for c in columns]
     part = next((p for p in corners if found.sample[p.within(tile)].any()), corners[0])
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
     place = outer.within(found.outer)
@@ -235,9 +235,8 @@ def _part_of(found: Training, scene: Scene) -> Training:
 def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
     """Fit a pointwise method (no neighbouring pixels) to the sample; return the model, its `Sampled` and log lines."""
     sampler = job.sampler or sampler_of(job)
-    pixels = sum(tile.pixels for tile in sampler.tiles)
-    if sampler.bounds:  # count pixels of the window around the sample, not of whole tiles
-        pixels = math.prod(high - low for low, high in sampler.bounds)
+    # pixels of the tile around the sample, if it is known, not of all tiles that it touches
+    pixels = sampler.bounds.pixels if sampler.bounds else sum(tile.pixels for tile in sampler.tiles)
     share, levels = max(1, -(-pixels // KEPT_PIXELS)), math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1)))
     plan = replace(METHODS[method].plan(job.request), share=share, levels=levels)  # type: ignore[misc]
     read = list(_read(job, sampler, plan))

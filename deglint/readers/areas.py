@@ -32,43 +32,42 @@ _FAR = 1e9  # polygon corners further from the scene than this are an error [pix
 
 @dataclass(frozen=True)
 class Area:
-    """A part of a scene: its bounding window, and a function that returns its mask in any window."""
+    """A part of a scene: its bounding tile, and a function that returns its mask in any window."""
 
-    bounds: Window  # window that contains the area; `open_area` clips it to the scene
+    bounds: Tile  # tile that contains the area; `open_area` clips it to the scene
     read: Callable[[Window], Mask]  # mask (row, column) of any window, True inside the area
     note: str = ""  # what was assumed about the CRS of polygons, for the log
 
 
-def window_area(bounds: Window) -> Area:
-    """The area that consists of all pixels in the window `bounds`."""
-    return Area(bounds, partial(_in_window, bounds))
+def tile_area(tile: Tile) -> Area:
+    """The area that consists of all pixels of a tile."""
+    return Area(tile, partial(_in_tile, tile))
 
 
-def _in_window(bounds: Window, window: Window) -> Mask:
+def _in_tile(tile: Tile, window: Window) -> Mask:
     (top, bottom), (left, right) = window
     rows, columns = np.ogrid[top:bottom, left:right]
-    (low, high), (first, end) = bounds
-    return np.asarray((low <= rows) & (rows < high) & (first <= columns) & (columns < end))
+    inside = (tile.row0 <= rows) & (rows < tile.row1) & (tile.col0 <= columns) & (columns < tile.col1)
+    return np.asarray(inside)
 
 
-def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Affine, bounds: Window, window: Window) -> Mask:
+def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Affine, bounds: Tile, window: Window) -> Mask:
     """Mask (row, column) of `window`, True at pixels whose centres lie in one of the polygons `shapes`.
 
     `shapes` are GeoJSON polygons in the CRS of the scene, and `transform` is the affine transform of the scene.
-    `bounds` is a window that contains all polygons; the mask is False outside it.
+    `bounds` is a tile that contains all polygons; the mask is False outside it.
     """
     from rasterio.features import geometry_mask
 
-    (top, bottom), (left, right) = window
-    out = np.zeros((bottom - top, right - left), np.bool_)
-    shared = [(max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, bounds, strict=True)]
+    whole, side = Tile(*window[0], *window[1]), _POLYGON_CELL
+    out = np.zeros(whole.shape, np.bool_)
     # the squares do not depend on the window, so that a pixel centre on an edge is in the same polygon in every window
-    down, across = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
+    down, across = (range(start // side * side, stop, side) for start, stop in whole.clipped(bounds).window)
     for row, column in product(down, across):
-        cell = geometry_mask(shapes, (_POLYGON_CELL, _POLYGON_CELL), _moved(transform, column, row), invert=True)
-        cell = cell[max(top - row, 0) : bottom - row, max(left - column, 0) : right - column]
-        (first, start), (height, width) = (max(row - top, 0), max(column - left, 0)), cell.shape
-        out[first : first + height, start : start + width] = cell
+        square = Tile(row, row + side, column, column + side)
+        inside = geometry_mask(shapes, square.shape, _moved(transform, column, row), invert=True)
+        part = square.clipped(whole)
+        out[part.within(whole)] = inside[part.within(square)]
     return out
 
 
@@ -93,23 +92,23 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
                 f"such as {option} 0,0,{scene.width},{scene.height}, which is this scene."
             )
         column, row, width, height = map(int, parts)
-        area = window_area(((row, row + height), (column, column + width)))
+        area = tile_area(Tile(row, row + height, column, column + width))
         remedy = "A window is column,row,width,height."
     elif Path(text).suffix.lower() in (".geojson", ".json"):
         area, remedy = polygons(read_json(text, option), scene, text), "Check the CRS, or draw it anew."
     else:
         area, remedy = _raster_area(text, scene, option), ""
-    (top, bottom), (left, right) = area.bounds
-    rows, columns = (max(top, 0), min(bottom, scene.height)), (max(left, 0), min(right, scene.width))
-    if rows[0] >= rows[1] or columns[0] >= columns[1]:
+    bounds = area.bounds.clipped(Tile(0, scene.height, 0, scene.width))
+    if min(bounds.shape) <= 0:
+        (top, bottom), (left, right) = area.bounds.window
         raise InputError(
             f"{option} {text} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the "
             f"scene has {scene.height} rows and {scene.width} columns. {remedy}"
         )
-    if not any(area.read(tile.window).any() for tile in Tile(*rows, *columns).split(2048)):
+    if not any(area.read(tile.window).any() for tile in bounds.split(2048)):
         kind = NoWaterError if option == "--mask" else InputError
         raise kind(f"{option} {text} selects no pixel of the scene. Give an area with pixels, or leave it out.")
-    return replace(area, bounds=(rows, columns))
+    return replace(area, bounds=bounds)
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
@@ -139,8 +138,8 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     if not (np.abs([columns, rows]) < _FAR).all():
         raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS. Check its CRS.")
     down, across = ((int(np.floor(along.min())), int(np.ceil(along.max()))) for along in (rows, columns))
-    window = down, across
-    return Area(window, partial(_in_polygons, shapes, transform, window), note)
+    bounds = Tile(*down, *across)
+    return Area(bounds, partial(_in_polygons, shapes, transform, bounds), note)
 
 
 def _corners(shapes: Sequence[Mapping[str, Any]]) -> Float64:
@@ -227,7 +226,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
         )
     if not same and not overlap(replace(source.info, paths=(scene.path or "the scene",)), info):
         raise InputError(f"{option} {path} lies off the scene: they do not overlap. Check its CRS and geotransform.")
-    return Area(((0, scene.height), (0, scene.width)), partial(_in_raster, source))
+    return Area(Tile(0, scene.height, 0, scene.width), partial(_in_raster, source))
 
 
 def middle_of(path: str) -> tuple[float, float]:

@@ -128,7 +128,8 @@ def _tiles(scene: Scene) -> list[Tile]:
     rows, columns = (
         np.linspace(0, max(n - side, 0), count).astype(int) for n, count in zip(size, (down, across), strict=True)
     )
-    return [Tile(r, min(r + side, size[0]), c, min(c + side, size[1])) for r in rows.tolist() for c in columns.tolist()]
+    whole = Tile(0, scene.height, 0, scene.width)
+    return [Tile(r, r + side, c, c + side).clipped(whole) for r in rows.tolist() for c in columns.tolist()]
 
 
 def _nodata(value: float, blocks: list[TileValues], scene: Scene, info: RasterInfo) -> Undeclared:

@@ -191,7 +191,7 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
     for number, feature in enumerate(features, start=1):
         one = {"type": "FeatureCollection", "features": [feature]} | {k: document[k] for k in ("crs",) if k in document}
         area = polygons(one, grid, path)
-        (top, bottom), (left, right) = np.clip(area.bounds, 0, np.array(out.shape)[:, None]).tolist()
+        (top, bottom), (left, right) = np.clip(area.bounds.window, 0, np.array(out.shape)[:, None]).tolist()
         out[top:bottom, left:right][area.read(((top, bottom), (left, right)))] = number
     if not out.any():
         raise InputError(f"TRUTH {path}: no feature contains a pixel centre of the scores. Check its position and CRS.")
