@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -67,7 +66,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     options = {COMPRESS = "ZSTD"}
     """
     from ..batch import FAILED, TODO, jobs_of, read_config, run_batch
-    from ..raster.output import write_text
+    from ..raster.output import as_json, write_text
     from ..raster.targets import Scratch, check_targets
     from ..readers.scenes import list_scenes
 
@@ -90,7 +89,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         with Scratch(overwrite=True) as scratch:
             write_text(scratch, table, text.getvalue())
     if given["as_json"]:
-        click.echo(json.dumps([asdict(o) for o in found], indent=2))
+        click.echo(as_json([asdict(o) for o in found]))
     else:
         click.echo("\n".join(summary(found)))
         if given["dry_run"]:

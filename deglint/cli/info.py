@@ -1,6 +1,5 @@
 """The command `deglint info`: print the properties of a raster, and the expected error of each candidate recipe."""
 
-import json
 import logging
 from typing import Any
 
@@ -20,7 +19,7 @@ from .running import Console
 @heading("Messages")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
 @messages
-def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
+def info(inputs: tuple[str, ...], sample: str, **given: Any) -> None:
     """Describe IN, and try the candidate recipes on sample tiles; nothing is written.
 
     \b
@@ -30,13 +29,13 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     from ..info import examine
     from ..pipeline import Recipe
     from ..raster.environment import environment
-    from ..raster.output import plain
+    from ..raster.output import as_json, plain
     from ..readers import open_scene
 
     with Console(given, logging.WARNING), environment():  # the answer itself says what was decided
         scene = open_scene(list(inputs), **opening(given))
         found = plain(examine(scene, Recipe(nir=given["nir"], sample=sample), threads=given["threads"]))
-    click.echo(json.dumps(found, indent=2) if as_json else "\n".join(lines(found)))
+    click.echo(as_json(found) if given["as_json"] else "\n".join(lines(found)))
 
 
 def lines(found: dict[str, Any]) -> list[str]:

@@ -1,6 +1,5 @@
 """Modes of `deglint plan`: a reticle for one time, a sweep over time, an uncertain wind, a flight line, a web page."""
 
-import json
 import logging
 import re
 from collections.abc import Callable, Mapping
@@ -17,7 +16,7 @@ from ..plan.draw import Image, png
 from ..plan.mission import Mission, Tables
 from ..plan.picture import picture
 from ..plan.reticle import best_geometry, quality, reticle, sentence
-from ..raster.output import plain
+from ..raster.output import as_json
 from ..raster.simulated import write_files, write_plan
 from .running import Console
 
@@ -84,7 +83,7 @@ def one_reticle(given: Options, mission: Mission, _console: Console) -> None:
     if given["outs"]:
         write_plan(found, given["outs"], lambda: png(picture(found, band=band)), overwrite=given["overwrite"])
     if given["as_json"]:
-        click.echo(_json(summary(found)))
+        click.echo(as_json(summary(found)))
         return
     geometry = best_geometry(found, band=band)
     click.echo(sentence(geometry) + ("" if geometry is None else f"\n{quality(geometry)}"))
@@ -150,8 +149,4 @@ def _finish(given: Options, picture: Callable[[], Image], numbers: Mapping[str, 
     if given["outs"]:
         outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}
         write_files(outs, overwrite=given["overwrite"])
-    click.echo(_json(numbers) if given["as_json"] else "\n".join(lines))
-
-
-def _json(numbers: Mapping[str, object]) -> str:
-    return json.dumps(plain(numbers), indent=2, allow_nan=False)
+    click.echo(as_json(numbers) if given["as_json"] else "\n".join(lines))

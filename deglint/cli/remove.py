@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 import time
@@ -103,6 +102,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     options.needs_output(inputs, output, "deglint remove")
     from ..pipeline import Outputs, Recipe, remove_glint
     from ..pipeline.outputs import load_fit
+    from ..raster.output import as_json
 
     saved = given["model_in"]
     if saved and (unused := unused_by_model(given)):
@@ -120,7 +120,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         reading = opening(given) | {"grid": given["grid"]}
         result = remove_glint(list(inputs), targets, recipe, threads=given["threads"], **reading, **work)
     if given["as_json"]:
-        click.echo(json.dumps(result.sidecar, indent=2))
+        click.echo(as_json(result.sidecar))
 
 
 def unused_by_model(given: Mapping[str, object]) -> str:
@@ -146,7 +146,7 @@ def dry_run(
 
     from ..pipeline.run import Run, check_outputs, prepare
     from ..raster.environment import environment
-    from ..raster.output import plain
+    from ..raster.output import as_json
     from ..readers import open_scene
     from ..readers.undeclared import settled
     from ..tiles import default_threads
@@ -167,7 +167,7 @@ def dry_run(
     nir = [scene.names[b] for b in fitted.model.index_bands]
     about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
     if given["as_json"]:
-        click.echo(json.dumps(plain({**about, "files": files}), indent=2))
+        click.echo(as_json({**about, "files": files}))
         return
     lines = [
         f"{scene.path}: {scene.height} x {scene.width} pixels, bands {', '.join(scene.names)}",

@@ -280,8 +280,13 @@ def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
 
 
 def write_json(scratch: Scratch, target: Path, data: object) -> None:
-    """Write data as JSON, in the same way as `write_text`; NaN and infinity become null."""
-    write_text(scratch, target, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
+    """Write data as JSON, in the same way as `write_text`, see `plain`."""
+    write_text(scratch, target, as_json(data) + "\n")
+
+
+def as_json(data: object) -> str:
+    """Convert data to indented JSON, see `plain`."""
+    return json.dumps(plain(data), indent=2, allow_nan=False)
 
 
 def plain(value: object) -> Any:
