@@ -158,8 +158,7 @@ def dry_run(
         fitted, work = prepare(scene, recipe, targets, run, *saved)
     used = recipe if given["model_in"] else fitted.recipe
     took, pixels = time.perf_counter() - run.begun, scene.height * scene.width
-    data = read_bytes(scene)
-    image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
+    data, image = read_bytes(scene), pixels * len(scene.bands) * np.dtype(work.layout.dtype).itemsize
     per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels}
     per_file |= dict.fromkeys((targets.amount, targets.stderr), 4 * pixels * len(work.amount_bands))  # float32
     # size of the pixels in each file [byte]; None for a file without pixels
@@ -194,7 +193,7 @@ def read_bytes(scene: Scene) -> int:
     """Size of the pixels of a scene in its data type, before compression [byte]."""
     from ..pipeline.overview import raster_of
 
-    return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
+    return math.prod(scene.shape) * raster_of(scene).info.dtype.itemsize
 
 
 def size(count: float) -> str:
