@@ -199,8 +199,8 @@ def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
     return choice.best.method, choice.best.chain, choice, training
 
 
-def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """Make a `Fitted` for this scene from a saved model and its `chain`, to which the model was fitted.
+def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None) -> Fitted:
+    """Make a `Fitted` for this scene from a saved model and its `chain`, with which it was fitted (None: no stages).
 
     Only `recipe.bands` (empty: all bands of model and chain) are corrected. Raises InputError if the model
     or chain does not suit this scene or the bands, NIR, method or stages of the recipe; NoWaterError if the mask is

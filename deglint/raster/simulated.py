@@ -54,7 +54,7 @@ def write_scene(
     return [*targets.values(), sidecar]
 
 
-def planned_files(stem: str | Path, setup: "Setup", *, surface: bool = False) -> dict[Path, int]:
+def planned_files(stem: str | Path, setup: "Setup", *, surface: bool) -> dict[Path, int]:
     """Uncompressed size [byte] of each file of `write_scene` (0 for JSON); `surface` adds sea height and slopes."""
     base, count, pixels = _base(stem), len(setup.sensor.bands), math.prod(setup.size)
     sizes = {"": 2 * count, "_truth": 4 * count, "_truth_water": 4 * count, "_truth_noisy": 2 * count}
@@ -148,9 +148,7 @@ def describe(scene: "SimulatedScene", files: Mapping[str, str]) -> dict[str, obj
     }
 
 
-def check_plan(
-    targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
-) -> None:
+def check_plan(targets: Sequence[Path], kinds: Sequence[str], reads: Reads, *, overwrite: bool) -> None:
     """Call `check_targets`. Raises InputError if one of `targets` has none of the endings `kinds` (".png", ...)."""
     for target in targets:
         if _kind(target) not in kinds:
@@ -158,9 +156,7 @@ def check_plan(
     check_targets(targets, reads, overwrite=overwrite)
 
 
-def write_plan(
-    plan: "Reticle", targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False
-) -> None:
+def write_plan(plan: "Reticle", targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool) -> None:
     """Write a plan (`deglint.plan.Reticle`) to every target, in the format of its ending; `picture` returns the PNG."""
     from ..plan import dataset
 
@@ -175,7 +171,7 @@ def write_plan(
     write_files({target: makers[_kind(target)]() for target in targets}, overwrite=overwrite)
 
 
-def write_files(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
+def write_files(targets: Mapping[Path, Content], *, overwrite: bool) -> None:
     """Write several files: either all, or none. `targets` has the content of each file by its path."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():

@@ -123,7 +123,7 @@ def _companions(path: Path) -> list[Path]:
     return [Path(f"{path}{ending}") for ending in COMPANIONS]
 
 
-def check_target(path: Path, *, overwrite: bool = False) -> None:
+def check_target(path: Path, *, overwrite: bool) -> None:
     """Raise WriteError if an output cannot be written or, without `overwrite`, if it or one of `COMPANIONS` exists."""
     if re.match(r"-$|/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")

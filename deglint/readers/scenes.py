@@ -110,7 +110,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
     return items
 
 
-def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
+def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str]) -> list[Asset]:
     """Assets with the bands of a STAC Item (file or URL `path`): those in `keys`, else the default of `list_scenes`."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
