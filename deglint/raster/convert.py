@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import Mask
 from ..scene import FloatArray, Window
 
 Raw = npt.NDArray[Any]
-Valid = npt.NDArray[np.bool_]
 Nodatas = Sequence[float | None]  # of each band
 FORGOTTEN = (3.4028e38, 3.40283e38)
 """In floating-point files, numbers with absolute values between these two are not valid: many programs write the
@@ -27,7 +27,7 @@ def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
     return single if np.result_type(np.dtype(dtype), single) == single else np.dtype(np.float64)
 
 
-def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets: Sequence[float]) -> FloatArray:
+def to_physical(raw: Raw, valid: Mask | None, scales: Sequence[float], offsets: Sequence[float]) -> FloatArray:
     """Convert file values to physical values: raw * scale + offset, or NaN where a value is not valid or not finite.
 
     Arrays are (band, row, column); `valid` is None if all values are valid. `scales` and `offsets` have one entry per
@@ -48,7 +48,7 @@ def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets:
     return out
 
 
-def is_valid(raw: Raw, nodatas: Nodatas) -> Valid | None:
+def is_valid(raw: Raw, nodatas: Nodatas) -> Mask | None:
     """Mask (band, row, column), True where a file value in `raw` is not nodata; None if no value is nodata.
 
     `nodatas` has one entry per band. Entries that are NaN, or that the type of `raw` cannot hold, are ignored here.
@@ -65,7 +65,7 @@ def is_valid(raw: Raw, nodatas: Nodatas) -> Valid | None:
     return valid
 
 
-def is_finite(values: Raw) -> Valid:
+def is_finite(values: Raw) -> Mask:
     """Mask, True where a floating-point value is finite and not, in magnitude, the largest float32 or float64."""
     size = np.abs(values)
     low, high = FORGOTTEN
@@ -87,7 +87,7 @@ def same_nodata(a: float | None, b: float | None) -> bool:
     return a == b or (a != a and b != b)
 
 
-def retype(raw: Raw, dtype: np.dtype[Any]) -> tuple[Raw, Valid | None]:
+def retype(raw: Raw, dtype: np.dtype[Any]) -> tuple[Raw, Mask | None]:
     """Convert file values to another type. Return the new values, and a mask of clipped finite values (None: all fit).
 
     Values for an integer type are rounded to the nearest integer and clipped to its range; NaN and infinity become 0.
@@ -108,8 +108,8 @@ def retype(raw: Raw, dtype: np.dtype[Any]) -> tuple[Raw, Valid | None]:
 
 
 def encode(
-    values: FloatArray, raw: Raw, *, scale: float, offset: float, where: Valid, nodata: float | None = None
-) -> tuple[Valid, Valid]:
+    values: FloatArray, raw: Raw, *, scale: float, offset: float, where: Mask, nodata: float | None = None
+) -> tuple[Mask, Mask]:
     """Convert the physical values of a band to file values, and write these into `raw`, in place.
 
     raw = (values - offset) / scale; arrays are (row, column). Integers are rounded to nearest (ties to even) and
@@ -134,7 +134,7 @@ def encode(
     return (values < 0) & where, outside
 
 
-def _moved(stored: Raw, good: Valid, nodata: float | None) -> Valid:
+def _moved(stored: Raw, good: Mask, nodata: float | None) -> Mask:
     """Move `good` values that equal `nodata` to an adjacent number, in place; return the mask of moved integers."""
     if nodata is None or not np.isfinite(nodata) or not holds(stored.dtype, nodata):
         return np.zeros(stored.shape, np.bool_)
@@ -147,7 +147,7 @@ def _moved(stored: Raw, good: Valid, nodata: float | None) -> Valid:
     return np.zeros(stored.shape, np.bool_)
 
 
-def relaid(raw: Raw, valid: Valid | None, own: Nodatas, dtype: str, nodata: float | None) -> tuple[Raw, Valid]:
+def relaid(raw: Raw, valid: Mask | None, own: Nodatas, dtype: str, nodata: float | None) -> tuple[Raw, Mask]:
     """Convert file values to the type `dtype` and the `nodata` of an output.
 
     Arrays are (band, row, column). `valid` is the mask of valid values, None if all are valid. `own` has the nodata

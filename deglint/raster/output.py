@@ -21,8 +21,9 @@ import numpy as np
 
 from .. import __version__
 from ..errors import InputError, WriteError
+from ..moments import Mask
 from ..scene import Window
-from .convert import Raw, Valid
+from .convert import Raw
 from .info import RasterInfo, open_dataset, quiet
 from .targets import DISK_FULL, Scratch, write_errors
 
@@ -141,7 +142,7 @@ class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
         with write_errors(self.target):
             self._dataset.write(block, window=window)
 
-    def write_mask(self, valid: Valid, window: Window) -> None:
+    def write_mask(self, valid: Mask, window: Window) -> None:
         """Write the mask of a window, (row, column), True where a pixel is valid; only if the layout is `masked`."""
         with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)

@@ -18,8 +18,9 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..moments import Mask
 from ..scene import FloatArray, Window
-from .convert import FlatField, Raw, Valid, is_valid, same_nodata, to_physical
+from .convert import FlatField, Raw, is_valid, same_nodata, to_physical
 from .info import RasterInfo, gdal_errors, one_line, open_dataset, remedy
 
 
@@ -107,7 +108,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
         return to_physical(raw, valid, scales, offsets)
 
-    def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
+    def read_raw(self, window: Window) -> tuple[Raw, Mask | None]:
         """Read all bands of a window as file values, (band, row, column), and a mask of this shape, True where valid.
 
         Values have the type of the file, or the smallest type that can hold all bands. The mask follows from nodata,
@@ -116,11 +117,11 @@ class RasterSource(AbstractContextManager["RasterSource"]):
         """
         return self._read(window, range(self.info.count))
 
-    def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
+    def to_physical(self, raw: Raw, valid: Mask | None = None) -> FloatArray:
         """Convert the two results of `read_raw` to physical values, as `read` returns them, in a new array."""
         return to_physical(raw, valid, self.info.scales, self.info.offsets)
 
-    def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
+    def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Mask | None]:
         (top, bottom), (left, right) = window
         if not (0 <= top <= bottom <= self.info.height and 0 <= left <= right <= self.info.width):
             raise InputError(
@@ -140,7 +141,7 @@ class RasterSource(AbstractContextManager["RasterSource"]):
             said = one_line(error)
             raise ReadError(f"cannot read {where}: {said}. {remedy(self.info.paths[0], said)}") from error
 
-    def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
+    def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Mask | None]:
         """Read file values (band, row, column), and the mask of valid values, which is None if all are valid."""
         (top, bottom), (left, right) = window
         raw, valid, start = np.empty((len(bands), bottom - top, right - left), self.info.dtype), None, 0
@@ -191,7 +192,7 @@ class ArraySource(RasterSource):
     def __reduce__(self) -> tuple[object, ...]:
         return ArraySource, (self.values, self.info, self.origin)
 
-    def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
+    def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Mask | None]:
         rows, columns = ((a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True))
         _, height, width = self.values.shape
         if not (0 <= rows[0] <= rows[1] <= height and 0 <= columns[0] <= columns[1] <= width):
@@ -210,7 +211,7 @@ def _open(file: FileBands) -> Any:
     return dataset if file.warp is None else WarpedVRT(dataset, **file.warp)
 
 
-def _read_file(file: FileBands, dataset: Any, bands: list[int], window: Window, dtype: Any) -> tuple[Raw, Valid | None]:
+def _read_file(file: FileBands, dataset: Any, bands: list[int], window: Window, dtype: Any) -> tuple[Raw, Mask | None]:
     """Read `bands` (0-based positions in `file.indexes`) as values of type `dtype`, and the mask as in `_stacked`."""
     (top, bottom), (left, right) = window
     raw, indexes = np.empty((len(bands), bottom - top, right - left), dtype), [file.indexes[b] for b in bands]
