@@ -14,7 +14,7 @@ from ..morphology import grown
 from ..remove.detrend import LOCAL_MEAN
 from ..remove.levels import even_share
 from ..remove.mixture import WATER_PERCENTILE
-from ..remove.noise import noise, spread
+from ..remove.noise import spread
 from ..remove.reference import OFTEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, gains, implants
@@ -152,10 +152,11 @@ def choose(
     """
     if _too_small(sample):
         return Choice(WIENER, width=width)
-    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
+    values = sample.values([s.image for s in sample.states])
+    judged = [b for b in correct if np.ptp(values[b]) > 0]  # not a dead band
     if not judged:
         return Choice(Candidate("copy", "copy"), failed={"wiener": "no band varies over the sample"}, width=width)
-    level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
+    level, disc = _levels(sample), min(width, LARGEST_DISC)
     unit = np.where(np.isin(np.arange(len(level)), judged), level, np.float32(np.inf))
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
     marked = _marked(sample, added)
@@ -243,9 +244,9 @@ def _spectrum(setting: Setting) -> Float32 | None:
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32) -> Float64:
     """`least_signal`, but all bands except the NIR are clipped at percentile `OFTEN`: the NIR may miss rare flashes."""
-    images, nir, bands = [s.image for s in sample.states], setting.nir[0], range(len(unit))
-    noises = np.array([noise([i[b] for i in images], inside) for b in bands], np.float32)
-    high = [np.inf if b == nir else np.percentile(sample.values([i[b] for i in images]), OFTEN) for b in bands]
+    images, nir = [s.image for s in sample.states], setting.nir[0]
+    noises = replace(sample, inside=tuple(inside)).noise_of(images).astype(np.float32)
+    high = [np.inf if b == nir else np.percentile(v, OFTEN) for b, v in enumerate(sample.values(images))]
     images = [np.minimum(i, np.array(high, np.float32)[:, None, None]) for i in images]
     return least_signal(images, inside, unit, noises, nir, spectrum)
 
@@ -342,10 +343,10 @@ def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
         )
 
 
-def _levels(sample: Sample, bands: int) -> Float32:
-    """Brightness of the water without glint in each of the `bands` bands, (band,) [unit of the band]; positive."""
-    values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
-    noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
-    dark = np.array([np.percentile(v, WATER_PERCENTILE) for v in values])
-    offset = dark < -3 * np.array(noises)  # the water's brightness was subtracted: take that of the darkest other band
+def _levels(sample: Sample) -> Float32:
+    """Brightness of the water without glint in each band, (band,) [unit of the band]; positive."""
+    images = [s.image for s in sample.states]
+    dark = np.array([np.percentile(values, WATER_PERCENTILE) for values in sample.values(images)])
+    noises = sample.noise_of(images)
+    offset = dark < -3 * noises  # the water's brightness was subtracted: take that of the darkest other band
     return np.maximum(np.where(offset, min(dark[~offset], default=0.0), dark), noises).astype(np.float32)

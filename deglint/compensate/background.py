@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import Float64
-from ..remove.noise import noise, spread
+from ..remove.noise import spread
 from .sharpen import blurred
 from .state import LASTS, Float32, Sample, Setting, State
 
@@ -228,9 +228,9 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     FitError if the sample is too small.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
-    bands = range(len(setting.bands))
-    sample.values([s.image[0] for s in states])  # raises FitError if too small
-    sigma = np.array([noise([s.image[b] for s in states], sample.inside) for b in bands])
+    images = [s.image for s in states]
+    values = sample.values(images)
+    sigma = sample.noise_of(images)
     unit = np.float32(1) if states[0].unit is None else states[0].unit
     colour = setting.colour / unit
     colour = np.asarray(colour / np.median(colour / sigma), np.float32)
@@ -238,22 +238,22 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     caps = ringing(sample, sigma)
     by = setting.wavelengths if setting.offsets is None else setting.offsets  # unknown ones are last
     order = tuple(np.argsort(by, kind="stable").tolist())
-    outlined = setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2
+    outlined = setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(values) > 2
     stage = Background(size, order, tuple(map(float, colour)), (), (), 0.0, 0.0 if outlined else None, caps, reach)
     opened = [stage.opened(s) for s in states]
     if details := [detail for _, detail in opened if detail is not None]:
         high = [np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in setting.nir]
         stage = replace(stage, limit=ABOVE * float(np.median(high)))
     levels = [stage.level(s, *parts) for s, parts in zip(states, opened, strict=True)]
-    openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
-    excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
+    openings = sample.values(levels)
+    excess = values - openings
     times = setting.offsets if setting.delayed and not caps else None  # as simultaneous bands share artefacts
     clear = None if times is None else clear_pixels(excess, np.median(openings, axis=1) / colour, times)
     found = []
-    for b, values in enumerate(excess):
-        middle, about = mode_and_spread(values) if clear is None else median_and_spread(values[clear[b]])
+    for b, above in enumerate(excess):
+        middle, about = mode_and_spread(above) if clear is None else median_and_spread(above[clear[b]])
         about = max(about, float(sigma[b]))
-        found.append((middle, about, float((values > middle + COVER_K * about).mean())))
+        found.append((middle, about, float((above > middle + COVER_K * about).mean())))
     offsets, sigmas, shares = zip(*found, strict=True)
     stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(shares)))
     return replace(stage, cut=tuple((HALF_NORMAL * max(1 - RAISED * stage.cover, 0) * sigma * unit).tolist()))

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..remove.noise import noise, spread
+from ..remove.noise import spread
 from .state import Sample, Setting, State, full_scale
 
 K = 5.0  # standard deviations above the median, as in Fink (2014), section 6.3
@@ -34,11 +34,9 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Identi
     k = K if number is None else number
     unit = sample.states[0].unit
     full = full_scale(sample, setting) / (1 if unit is None else unit)
-    found = []
-    for b in range(len(setting.bands)):
-        planes = [s.image[b] for s in sample.states]
-        values = sample.values(planes)
+    images, found = [s.image for s in sample.states], []
+    for values, sigma, most in zip(sample.values(images), sample.noise_of(images), full, strict=True):
         middle = np.float32(np.median(values))
-        about = max(spread(values[values <= middle] - middle), noise(planes, sample.inside))
-        found.append(min(float(middle) + k * about, float(full[b])))  # so that saturated pixels are glint
+        about = max(spread(values[values <= middle] - middle), float(sigma))
+        found.append(min(float(middle) + k * about, float(most)))  # so that saturated pixels are glint
     return IdentifyMedian(tuple(found))

@@ -51,9 +51,9 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normal
     ----------
     Fink (2014), "Glint Avoidance and Removal in the Maritime Environment", RIT, section 6.3.
     """
-    planes, most = [[s.image[b] for s in sample.states] for b in range(len(setting.bands))], 0.01 * (number or 100)
-    pairs = zip(planes, setting.images, strict=True)
-    found = [water_level(sample.values(p), most) if image else (1.0, False) for p, image in pairs]
+    values, most = sample.values([s.image for s in sample.states]), 0.01 * (number or 100)
+    pairs = zip(values, setting.images, strict=True)
+    found = [water_level(v, most) if image else (1.0, False) for v, image in pairs]
     for place, (level, _) in enumerate(found, start=1):
         if not level > 0:
             raise FitError(f"band {place} has a level of {level:g} in deep water; normalising needs a positive one.")

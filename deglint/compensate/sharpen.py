@@ -70,8 +70,8 @@ class Sharpen:
             raise InputError(
                 f"{cls.name} needs the wavelengths of all bands, 300 to 2500 nm: give --wavelengths, or leave it out."
             )
-        middles = [np.median(sample.values([s.image[b] for s in sample.states])) for b in range(len(setting.bands))]
-        floors = tuple(max(FLOOR * float(m), 1e-12) for m in middles)
+        values = sample.values([s.image for s in sample.states])
+        floors = tuple(max(FLOOR * float(np.median(v)), 1e-12) for v in values)
         return cls(setting.psfs, int(number or ITERATIONS), floors)
 
     @property

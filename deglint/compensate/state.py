@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..moments import Float64, Mask
+from ..remove.noise import noise
 from ..remove.spectrum import SUN_ZENITH
 from ..scene import ROUNDED, Band, image_bands
 from .psf import PSF
@@ -133,11 +134,17 @@ class Sample:
     inside: tuple[Mask, ...]
 
     def values(self, planes: Sequence[Float32]) -> Float32:
-        """Values (pixel,) of the sample, from `planes`, one array per block; raises FitError if there are too few."""
-        found = np.concatenate([p[m] for p, m in zip(planes, self.inside, strict=True)])
-        if found.size < FEWEST:
-            raise FitError(f"the sample holds {found.size} pixels, need at least {FEWEST}. Widen the --sample.")
+        """Values (..., pixel) of the sample, from an array (..., row, column) for each block.
+        Raises FitError if the sample has too few pixels.
+        """
+        found = np.concatenate([p[..., m] for p, m in zip(planes, self.inside, strict=True)], axis=-1)
+        if (pixels := found.shape[-1]) < FEWEST:
+            raise FitError(f"the sample holds {pixels} pixels, need at least {FEWEST}. Widen the --sample.")
         return found
+
+    def noise_of(self, images: Sequence[Float32]) -> Float64:
+        """Standard deviation of the noise of each band, (band,), from an image (band, row, column) for each block."""
+        return np.array([noise(planes, self.inside) for planes in zip(*images, strict=True)])
 
 
 FEWEST = 64  # fewest pixels for a level and a standard deviation

@@ -29,7 +29,6 @@ import numpy.typing as npt
 from ..moments import Float64, Mask
 from ..morphology import box_sum, grown
 from ..physics.atmosphere import irradiance
-from ..remove.noise import noise
 from ..remove.spectrum import SUN_ZENITH
 from . import spectra
 from .spectra import Model, Places
@@ -273,11 +272,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
         stage = replace(stage, full=tuple(full_scale(sample, setting)[order].tolist()))
     blocks = [Excess.of(stage, s.raw, s.background) for s in sample.states]
     planes = [x.at(np.arange(x.raw[0].size)).reshape(-1, *x.raw[0].shape) for x in blocks]
-
-    def pixels(blocks: Sequence[Float32]) -> Float32:
-        return np.concatenate([b[..., m] for b, m in zip(blocks, sample.inside, strict=True)], axis=-1)
-
-    excess = pixels(planes)
+    excess = sample.values(planes)
     stage = replace(with_texture(stage, excess), top=float(np.arcsinh(excess.max(initial=1))) + 1e-3)
     q = stage.binned(excess)
     stage = histograms(stage, q, t)
@@ -285,7 +280,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
         return Targets(reason=f"{lasts:.0%} of the sparkle lasts in all bands: nothing distinguishes targets from it")
     later = int(np.diff(t).round(6).argmax()) + 1  # after the longest pause
     # with later bands displaced, brightness stays the same by chance only
-    displaced = pixels([np.concatenate([e[:later], np.roll(e[later:], DISPLACEMENTS, (1, 2))]) for e in planes])
+    displaced = sample.values([np.concatenate([e[:later], np.roll(e[later:], DISPLACEMENTS, (1, 2))]) for e in planes])
     persistence = max(extrapolated(steady(q, stage).mean(axis=1)), steady(stage.binned(displaced), stage)[-1].mean())
     rate = number or RATE
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(persistence / (SPECTRA_ALIKE * rate), 1))
@@ -300,14 +295,14 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
     """Make a stage with the properties of its bands (fields `bands` to `time`); `order` has 0-based bands by time."""
-    below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
-    water = np.array([np.median(sample.values(b)) for b in below])
+    below = [x.raw if x.background is None else x.background for x in sample.states]
+    water = np.median(sample.values(below), axis=1)[list(order)]
     w = setting.wavelengths[list(order)]
     apart = np.gradient(np.sort(w))[np.argsort(np.argsort(w))]  # bands whose width is not known touch each other
     widths = np.array([setting.bands[b].width or g for b, g in zip(order, apart, strict=True)])
     inside = np.clip(w[:, None] + widths[:, None] * np.linspace(-0.5, 0.5, 17), 300, 1000)
     light = np.sum(irradiance(inside, SUN_ZENITH), axis=0).mean(axis=1)
-    s = np.array([noise([x.raw[b] for x in sample.states], sample.inside) for b in order])
+    s = sample.noise_of([x.raw[list(order)] for x in sample.states])
     light *= np.median(s / light)
     glint, t = irradiance(inside, SUN_ZENITH).direct.mean(axis=1), np.asarray(setting.offsets)[list(order)]
     numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light, glint / light, t)]
