@@ -67,8 +67,7 @@ def fit_reference(
     rule = ReferenceRule(band, np.inf, np.inf, low, (high - low) / GRAINS or 1.0, edge)
     tops, means, excesses = [], [], []
     for values, sample in tiles:
-        total, count = _sums(_grains(values, rule), sample)
-        mean = _mean(total, count, rule)
+        mean, count = _local_means(_grains(values, rule), sample, rule)
         excess = np.where(sample & (count >= LEAST_LOCAL), values - mean, -np.inf)
         excesses.append(excess[np.isfinite(excess)])
         means.append(float(mean[sample].min(initial=np.inf)))
@@ -144,9 +143,9 @@ def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[Flo
     grains, over = _grains(values, rule), None
     bright &= inner
     for _ in range(2 if bright.any() else 0):  # again without these pixels: a ship brightens the mean around itself
-        total, count = (sums[bright] for sums in _sums(grains, kept))
+        mean, count = _local_means(grains, kept, rule, bright)
         found = np.zeros_like(bright)
-        found[bright] = (count >= LEAST_LOCAL) & (values[bright] > _mean(total, count, rule) + rule.limit)
+        found[bright] = (count >= LEAST_LOCAL) & (values[bright] > mean + rule.limit)
         if not found.any():  # then nothing is found in the second round
             break
         over = grown(found, 2 * rule.edge + 1) & inner
@@ -154,11 +153,11 @@ def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[Flo
     if everywhere and over is None:
         return values, None
     away, out = ~kept, values.copy()
-    total, count = (sums[away] for sums in _sums(grains, kept))
-    around = np.where(count > 0, _mean(total, count, rule), 0)
+    mean, count = _local_means(grains, kept, rule, away)
+    around = np.where(count > 0, mean, 0)
     if not count.all():  # narrow water is all edge: its mean includes the edge
-        total, wider = (sums[away] for sums in _sums(grains, water))
-        around = np.where((count == 0) & (wider > 0), _mean(total, wider, rule), around)
+        mean, wider = _local_means(grains, water, rule, away)
+        around = np.where((count == 0) & (wider > 0), mean, around)
     out[away] = around
     return out, over
 
@@ -171,12 +170,12 @@ def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
         return np.rint(np.clip(counted, 0, GRAINS, out=counted), out=counted).astype(np.uint16)
 
 
-def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Sum of quantised values over the `kept` pixels in a square around each pixel, and number of pixels in the sum."""
-    some = grains if kept.all() else grains * kept
-    return box_sum(some, LOCAL_MEAN), box_sum(kept.view(np.uint8), LOCAL_MEAN)
-
-
-def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:
-    """Local means [unit of the band] from the sums and numbers of pixels of `_sums`; `rule.low` if a number is 0."""
-    return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)
+def _local_means(
+    grains: npt.NDArray[np.uint16], kept: Mask, rule: ReferenceRule, at: Mask | slice = slice(None)
+) -> tuple[Float64, npt.NDArray[np.int32]]:
+    """Mean [unit of the band] of the `kept` pixels in the square around each pixel, and the number of these pixels, for
+    the pixels that the mask `at` selects (all by default). The mean of no pixels is `rule.low`.
+    """
+    total = box_sum(grains if kept.all() else grains * kept, LOCAL_MEAN)[at]
+    count = box_sum(kept.view(np.uint8), LOCAL_MEAN)[at]
+    return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low), count
