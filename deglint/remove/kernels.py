@@ -100,22 +100,21 @@ def gather(
     """
     values = np.stack([*references, *bands]).astype(np.float64)
     values[:, ~sample] = 0.0
-    reach = (KERNEL_REACH, KERNEL_REACH)
+    (height, width), reach = sample.shape, (KERNEL_REACH, KERNEL_REACH)
     padded = np.pad(values[: len(references)], ((0, 0), reach, reach))
+    shifted = [
+        plane[KERNEL_REACH + row :, KERNEL_REACH + column :][:height, :width]
+        for plane, side in zip(padded, sides, strict=True)
+        for row, column in offsets(side)
+    ]
     grams, pixels, places = [], [], []
     for cell, mask in kernel_squares(sample):
-        top, left = cell[0].start, cell[1].start
-        shifted = [
-            padded[r, y : y + mask.shape[0], x : x + mask.shape[1]]
-            for r, side in enumerate(sides)
-            for y, x in (np.array(offsets(side)) + KERNEL_REACH + (top, left)).tolist()
-        ]
-        variables = np.stack([*shifted, *values[len(references) :, *cell]]).reshape(-1, mask.size)
+        variables = np.stack([v[cell] for v in (*shifted, *values[len(references) :])]).reshape(-1, mask.size)
         weights = np.where(mask, 1.0 if weight is None else weight[cell].astype(np.float64), 0.0)
         grams.append(_gram(variables, weights.ravel()))
         pixels.append(int(mask.sum()))
-        places.append((origin[0] + top, origin[1] + left))
-    count = sum(side * side for side in sides) + len(bands)
+        places.append((origin[0] + cell[0].start, origin[1] + cell[1].start))
+    count = len(shifted) + len(bands)
     return LagGrams(
         np.array(grams).reshape(-1, count, count),
         np.array(pixels, np.int64),
