@@ -45,18 +45,13 @@ class PSF:
         return len(self.kernel) // 2
 
     @cached_property
-    def _svd(self) -> tuple[Float64, Float64, Float64]:
-        return np.linalg.svd(self.kernel)
+    def factors(self) -> list[tuple[Float64, Float64]]:
+        """Pairs of vectors (down, across), (side,) each, whose outer products add up to the kernel; the largest first.
 
-    def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
-        """Approximate the kernel by a sum of outer products; return pairs of vectors (down, across), (side,) each.
-
-        There are `rank` pairs, or fewer for a small kernel. The least-squares approximation is scaled to a sum of 1.
+        The first n pairs are the least-squares approximation of the kernel by n outer products.
         """
-        left, values, right = self._svd
-        pairs = [(left[:, i] * values[i], right[i]) for i in range(min(rank, len(values)))]
-        total = sum(down.sum() * across.sum() for down, across in pairs)
-        return [(down / total, across) for down, across in pairs]
+        left, values, right = np.linalg.svd(self.kernel)
+        return list(zip((left * values).T, right, strict=True))
 
 
 def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float = 0.5) -> PSF:
