@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from deglint.checks import from_plain
 from deglint.compensate.spectra import brightness, reflectances
 from deglint.compensate.state import Sample, Setting, State, full_scale
 from deglint.compensate.targets import Excess, Targets, extrapolated, fit
@@ -240,7 +241,7 @@ def test_a_block_with_its_halo_is_the_same_as_the_whole_inside(background):
 def test_serialised_it_finds_the_same():
     image, clean, _ = scene("red")
     state, stage = fitted(image, clean)
-    again = Targets(**json.loads(json.dumps(asdict(stage))))
+    again = from_plain(Targets, json.loads(json.dumps(asdict(stage))))
     assert np.array_equal(again.apply(state).targets, stage.apply(state).targets)
 
 

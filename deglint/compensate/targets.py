@@ -105,11 +105,11 @@ class Targets:
     @property
     def models(self) -> list[Model]:
         """Models of targets for each brightness (see `spectra.models`)."""
-        return spectra.models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
+        return spectra.models(self.wavelengths, self.widths, self.water, self.noise)
 
     def flashes(self, change: float = spectra.CHANGE) -> list[Model]:
         """Models of flashes that last through all bands, for each brightness; `change` is as in `spectra.flashes`."""
-        return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)), change)
+        return spectra.flashes(self.glint, self.time, self.noise, change)
 
     @cached_property
     def _steps(self) -> Float32:
