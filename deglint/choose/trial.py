@@ -1,7 +1,7 @@
 """Run candidates on sample tiles, with and without implanted signals, and choose the best."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 import cv2
@@ -69,7 +69,7 @@ class Choice:
 
     best: Candidate
     trials: tuple[Trial, ...] = ()  # simplest candidate first; empty where nothing could be tried
-    failed: dict[str, str] | None = None  # why candidates could not be fitted or were refused, by name
+    failed: dict[str, str] = field(default_factory=dict)  # why candidates could not be fitted or were refused, by name
     width: float = 0.0  # width of the smallest object to keep, at most `LARGEST_DISC` where discs were added [pixel]
 
     @property
@@ -82,7 +82,7 @@ class Choice:
         """Reason why the scene is copied; only for a choice whose best candidate is the copy."""
         others = [t for t in self.trials if t.candidate.method != "copy"]
         if not others:
-            why = (self.failed or {}).get("wiener", "no candidate could be tried")
+            why = self.failed.get("wiener", "no candidate could be tried")
             return why.removesuffix("Nothing was corrected.").rstrip(". ")
         least = min(others, key=lambda t: t.error)
         return (
@@ -109,7 +109,7 @@ class Choice:
             said = f"{trial.kept} (discs are {max(self.width, 1):.3g} pixels wide)"
             out.append(f"chosen: {self.best.name}; expected error {trial.error:.1%} of the water; {said}")
         out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
-        return out + [f"  {name}: refused, {why}" for name, why in (self.failed or {}).items()]
+        return out + [f"  {name}: refused, {why}" for name, why in self.failed.items()]
 
     def numbers(self) -> dict[str, object]:
         """The choice as plain values for the sidecar."""
@@ -118,7 +118,7 @@ class Choice:
             "smallest_object_pixels": self.width,
             "scales_pixels": list(SCALES),
             "trials": [{"name": t.candidate.name, **asdict(t)} for t in self.trials],
-            "not_tried": self.failed or {},
+            "not_tried": self.failed,
         }
 
 
