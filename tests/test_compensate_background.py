@@ -158,7 +158,7 @@ def test_the_nearest_clean_band_replaces():
 
 def test_under_much_glint_the_mode_is_taken_where_that_is_asked_for():
     values = np.concatenate([RNG.normal(10, 0.1, 5000), 10 + RNG.gamma(1, 20, 5000)]).astype(np.float32)
-    assert water_level(values) == (float(np.median(values)), False)
+    assert water_level(values, 1.0) == (float(np.median(values)), False)
     level, robust = water_level(values, 0.3)
     assert robust
     assert abs(level - 10) < 0.1

@@ -30,14 +30,12 @@ class Normalise:
         return replace(state, image=image, background=background, sharp=None, unit=unit * before)
 
 
-def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
+def water_level(values: Float32, most_cover: float) -> tuple[float, bool]:
     """Median of `values` (pixel,) and False; or mode and True, if the share of glint exceeds `most_cover` (0..1)."""
-    middle = float(np.median(values))
-    if most_cover >= 1:
-        return middle, False
     peak = mode(values)
     sigma = spread(values[values <= peak] - np.float32(peak))
-    return (peak, True) if np.mean(values > peak + COVER_K * sigma) > most_cover else (middle, False)
+    much = bool(np.mean(values > peak + COVER_K * sigma) > most_cover)
+    return peak if much else float(np.median(values)), much
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normalise:
