@@ -129,10 +129,7 @@ class Posterior:
         assert state.removed is not None  # in a chain, the removal comes before
         taken, image = state.removed, state.image.copy()
         variance = np.zeros_like(image) if state.errors else None
-        unknown = np.zeros(state.water.shape, np.bool_)
-        for band, limit in zip(state.raw, self.saturation, strict=True):
-            if np.isfinite(limit):
-                unknown |= band >= limit
+        unknown = (state.raw >= np.array(self.saturation, np.float32)[:, None, None]).any(axis=0)
         for left in (p for p in self.left if self.resolved and p.water > AS_DARK * p.sigma):
             beside = grown(taken[left.band] > np.float32(DEEP * left.sigma), 2 * PIT_REACH + 1)
             unknown |= (state.raw[left.band] <= 0) & beside

@@ -187,10 +187,8 @@ class Excess:
         """Mask (row, column) of pixels saturated in a band, and of their neighbours. They are not tested for targets,
         as clipped sparkle has the spectrum of white paint. All False if time offsets span more than 0.1 s (`LASTS`).
         """
-        full = np.zeros(self.raw[0].shape, np.bool_)
-        for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):
-            full |= raw >= np.float32(limit)
-        return grown(full, 3)
+        limits = self.stage.full or [np.inf] * len(self.raw)
+        return grown(np.any([raw >= np.float32(limit) for raw, limit in zip(self.raw, limits, strict=True)], axis=0), 3)
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
         """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, and index of the likeliest spectrum of
