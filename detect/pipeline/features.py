@@ -5,6 +5,7 @@ import sqlite3
 import struct
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,13 @@ from deglint.readers.text import read_json
 from deglint.scene import Scene
 from deglint.tiles import Tile
 
-from ..moving import FASTEST, find_moving
+from ..moving import FASTEST, Mover, motions_in
 from ..objects import Move, Object
 from ..sea.region import rectangle
 from .recipe import PICTURE
 
 _SEARCH_MARGIN = 40  # margin of water around an object in the search for its motion [pixel]: contrast is relative to it
+_UNKNOWN: dict[str, float | None] = {"speed_m_s": None, "heading": None}  # motion of an object that shows none
 _ROUND = 1.3  # ratio of length to width below which an object has no bearing
 CHIP_SIDE = 64  # minimum side of the part of the scene in the picture of an object, the chip [pixel of the scene]
 _CHIP_MARGIN = 12  # margin around an object in its picture [pixel of the scene]
@@ -72,45 +74,55 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
     return 2 * EARTH_RADIUS * math.asin(min(math.sqrt(half), 1.0)), math.degrees(math.atan2(east, north)) % 360
 
 
-def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
-    """0-based bands with a known time offset, and these offsets [s]. Raises InputError if fewer than three differ."""
-    known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
+def delayed_bands(scene: Scene, bands: Sequence[int]) -> tuple[list[int], list[float]]:
+    """Those of the 0-based `bands` with a known time offset, and these offsets [s].
+    Raises InputError if fewer than three differ.
+    """
+    known = [(b, t) for b in bands if (t := scene.bands[b].time_offset) is not None]
     if (count := len({t for _, t in known})) < 3:
         raise InputError(
-            f"--moving needs three bands with known, different times, and {scene.path} has {count}. "
-            "Name the sensor with --sensor, or set time_offset_s in the bands' tags."
+            f"--moving needs three bands with known, different times; of those in use in {scene.path}, {count} differ. "
+            "Choose more with -b, name the sensor with --sensor, or set time_offset_s in the bands' tags."
         )
-    return [i for i, _ in known], [t for _, t in known]
+    return [b for b, _ in known], [t for _, t in known]
 
 
-def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, float | None]]:
+def motions(
+    scene: Scene, bands: Sequence[int], area: float | None, found: Sequence[Object]
+) -> list[dict[str, float | None]]:
     """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
-    Both are those of the nearest boat from `find_moving`. They are None if the distance to this boat exceeds the
-    diagonal of the object plus the distance that the fastest boat travels from the first to the last band. Raises
+    The motion is measured in those of the 0-based `bands` that have a time, before glint removal where that image is at
+    hand, as removal shifts the edges of boats. It is that of the nearest boat (`detect.moving`). Both numbers are None
+    if the distance to this boat exceeds the diagonal of the object plus the distance that the fastest boat travels from
+    the first to the last band, or if the boat is no brighter than motions by chance near all objects together. Raises
     InputError if `area` (of a pixel [m2]), the CRS, or three different times are not known.
     """
-    bands, times = delayed_bands(scene)
+    bands, times = delayed_bands(scene, bands)
     move = to_wgs84(scene)
     if area is None or move is None:
         raise InputError(f"--moving needs the size of a pixel; {scene.path} has no CRS of Earth. Leave out --moving.")
-    pixel, out = math.sqrt(area), list[dict[str, float | None]]()
+    raw = next((r for r in _raw_of(scene) if r.names == scene.names), scene)
+    pixel, least, nearest = math.sqrt(area), 0.0, list[Mover | None]()
     reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
     for o in found:
         near = Tile(*o.bounds[0], *o.bounds[1]).grown(_SEARCH_MARGIN + reach, scene.height, scene.width)
-        row, column = o.centroid[0] - near.row0, o.centroid[1] - near.col0
-        boats = find_moving(scene.read(near.window, bands=bands), times, pixel=pixel)
-        away = [math.hypot(boat.row - row, boat.column - column) for boat in boats]
-        if not boats or min(away) > reach + math.hypot(*o.footprint.shape):
-            out.append({"speed_m_s": None, "heading": None})
-            continue
-        best = boats[away.index(min(away))]
-        x, y = near.col0 + best.column + 0.5, near.row0 + best.row + 0.5
-        angle = np.radians(best.heading)  # clockwise from the columns of the image, which need not point north
-        start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
-        ground, heading = distance_and_bearing(start, end)  # of one pixel that way: a pixel need not be square
-        out.append({"speed_m_s": best.speed / pixel * ground, "heading": heading})
-    return out
+        movers, dim = motions_in(raw.read(near.window, bands=bands), times, pixel=pixel)
+        least = max(least, dim)
+        placed = [replace(m, row=near.row0 + m.row, column=near.col0 + m.column) for m in movers]
+        away = [math.hypot(m.row - o.centroid[0], m.column - o.centroid[1]) for m in placed]
+        close = bool(placed) and min(away) <= reach + math.hypot(*o.footprint.shape)
+        nearest.append(placed[away.index(min(away))] if close else None)
+    return [_on_the_ground(m, pixel, move) if m and m.contrast > least else _UNKNOWN for m in nearest]
+
+
+def _on_the_ground(boat: Mover, pixel: float, move: Move) -> dict[str, float | None]:
+    """Speed and heading of a boat on the ground, see `motions`; `pixel` is the side of a pixel [m]."""
+    x, y = boat.column + 0.5, boat.row + 0.5
+    angle = np.radians(boat.heading)  # clockwise from the columns of the image, which need not point north
+    start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
+    ground, heading = distance_and_bearing(start, end)  # of one pixel that way: a pixel need not be square
+    return {"speed_m_s": boat.speed / pixel * ground, "heading": heading}
 
 
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, object]:

@@ -133,9 +133,9 @@ class Marker:
         if targets.objects is None:
             return None
         rated = self.objects(threshold)
-        found, scene = [r.found for r in rated], self.plan.scene
+        found, plan, scene = [r.found for r in rated], self.plan, self.plan.scene
         chips = write_chips(scene, targets.chips, self.scores, found, scratch) if targets.chips else [""] * len(found)
-        moved = motions(scene, self.plan.pixel_area, found) if self.plan.recipe.moving else [{}] * len(found)
+        moved = motions(scene, plan.bands, plan.pixel_area, found) if plan.recipe.moving else [{}] * len(found)
         move = to_wgs84(scene)
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):

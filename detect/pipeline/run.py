@@ -154,7 +154,9 @@ def _run(
     log_scene(scene, pixel=False)  # for sea, `_notes_on` states it
     plan = make_plan(scene, recipe, threads, single=bool(targets.p_value or targets.background))
     if recipe.moving:
-        motions(scene, plan.pixel_area, [])  # raises before the long work if times or the size of a pixel are unknown
+        motions(
+            scene, plan.bands, plan.pixel_area, []
+        )  # raises before the long work if times or the size of a pixel are unknown
     for note in plan.notes:
         log.info("%s", note)
     recipe = plan.recipe
