@@ -4,6 +4,7 @@ import json
 import math
 import re
 import sys
+from dataclasses import asdict
 from importlib.util import find_spec
 
 import numpy as np
@@ -14,7 +15,7 @@ from deglint.physics.presets import preset
 from deglint.physics.sensor import noise_equivalent_radiance
 from deglint.remove import METHODS
 from detect.bench import report, run, scenes
-from detect.bench.numbers import Number, as_json, over_seeds, rms_error, timed
+from detect.bench.numbers import Number, over_seeds, rms_error, timed
 from detect.bench.run import DEFAULT, RAW
 from detect.global_rx import rx
 from detect.report.page import as_uri, check_installed
@@ -84,13 +85,13 @@ def test_scenes_hold_what_they_should(tmp_path):
         assert not scene.kinds[:, : SMALL // 2 - scenes.BLURRED_EDGE].any()
         assert scene.sample.mean() == 0.5
         np.testing.assert_array_equal(scene.made.objects > 0, scene.kinds > 0)
-        np.testing.assert_allclose(scene.scene.read(), scene.raw, rtol=1e-6)
+        np.testing.assert_allclose(scene.scene.read(), scene.radiance(scene.made.image), rtol=1e-6)
         squares = []
         for band, truth in zip(sensors[0].bands[:5], scene.made.truth, strict=False):
             noise = noise_equivalent_radiance(truth, sensors[0], band)
             squares.append((noise**2).mean() / np.median(truth) ** 2)
         # 5 x 4096 pixels: a standard deviation is known to 0.5 %
-        found = rms_error(scene.noisy, scene.made.truth)
+        found = rms_error(scene.radiance(scene.made.truth_image), scene.made.truth)
         assert found == pytest.approx(100 * math.sqrt(np.mean(squares)), rel=0.02)
 
 
@@ -228,7 +229,8 @@ def test_two_runs_are_compared(tmp_path, capsys):
             "new": {"a": of(3, 0.1), "t": of(9, 0.1, exact=False), "b": of(1)}}  # fmt: skip
     old, new = files = [tmp_path / f"{name}.json" for name in runs]
     for file, numbers in zip(files, runs.values(), strict=True):
-        file.write_text(json.dumps(as_json(numbers, made, {})))
+        values = {name: asdict(number) for name, number in numbers.items()}
+        file.write_text(json.dumps({"made": made, "numbers": values, "refused": {}}))
     compare.main([old, old])
     assert "nothing changed" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="1"):

@@ -3,9 +3,9 @@
 import math
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -77,11 +77,6 @@ def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower"
 def timed(values: Sequence[float]) -> Number:
     """Median and range of repeated timings [s]."""
     return Number(median(values), min(values), max(values), "s", exact=False)
-
-
-def as_json(numbers: Mapping[str, Number], made: Mapping[str, object], refused: Mapping[str, str]) -> dict[str, object]:
-    """Numbers, `made` (from `provenance`) and `refused` (reason of failure by removal) of a run, as values for JSON."""
-    return {"made": made, "numbers": {name: asdict(number) for name, number in numbers.items()}, "refused": refused}
 
 
 def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, object]:

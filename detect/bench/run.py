@@ -21,7 +21,8 @@ from .numbers import VISIBLE_BANDS, Number, over_seeds, rms_error, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 
 DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
-"""Names in the results: `deglint remove` without options; the raw image; the truth with noise."""
+"""Names in the results: `deglint remove` without options; the raw image; the truth with the noise of the sensor, which
+is the result of a removal that removes all glint and nothing else."""
 GRID = np.geomspace(1e-4, 1.0, 121)  # pixel false-alarm rates of the ROC curves
 PFA = 1e-3  # pixel false-alarm rate at which objects are counted
 
@@ -121,7 +122,8 @@ def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int],
         progress(f"wind {wind:g} m/s", step, len(seas) + 1)
         sensors = [preset("thesis").delayed(delay) for delay in effort.delays]
         for delay, scene in zip(effort.delays, simulated(directory, sensors, wind, seed), strict=True):
-            images = {RAW: scene.raw, LIMIT: scene.noisy} | cleaned(scene, results)
+            images = {RAW: scene.radiance(scene.made.image), LIMIT: scene.radiance(scene.made.truth_image)}
+            images |= cleaned(scene, results)
             for name, image in images.items():
                 results.images.setdefault(((wind, delay), name), []).append(quality(scene, image))
     progress("timing", len(seas), len(seas) + 1)

@@ -33,20 +33,10 @@ class TrueScene:
     made: SimulatedScene
     file: Path
 
-    def _radiance(self, counts: Array) -> Float64:
+    def radiance(self, counts: Array) -> Float64:
         """Convert digital numbers of the sensor, (band, row, column), to radiance [W m-2 sr-1 nm-1]."""
         sensor = self.made.setup.sensor
         return np.asarray(counts * np.array([sensor.scale(b) for b in sensor.bands])[:, None, None])
-
-    @cached_property
-    def raw(self) -> Float64:
-        """The scene with glint and noise, as the sensor records it."""
-        return self._radiance(self.made.image)
-
-    @cached_property
-    def noisy(self) -> Float64:
-        """The truth with the noise of the sensor: the result of a removal that removes all glint and nothing else."""
-        return self._radiance(self.made.truth_image)
 
     @cached_property
     def scene(self) -> Scene:

@@ -3,6 +3,7 @@
 import logging
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ def bench(out: str, **given: Any) -> None:
     from deglint.raster.targets import check_ending, check_targets
 
     from ..bench import report
-    from ..bench.numbers import as_json, load_now, provenance
+    from ..bench.numbers import load_now, provenance
     from ..bench.run import Effort, measure, removals
     from ..report.page import check_installed
 
@@ -68,6 +69,7 @@ def bench(out: str, **given: Any) -> None:
         made = provenance(command_line(out), quick=given["quick"], seeds=effort.seeds, seconds=seconds, load=load)
         with Scratch(overwrite=given["overwrite"]) as scratch:
             write_text(scratch, targets[0], report.page(found, made))
-            write_json(scratch, targets[1], as_json(found.numbers(), made, found.refused))
+            numbers = {name: asdict(number) for name, number in found.numbers().items()}
+            write_json(scratch, targets[1], {"made": made, "numbers": numbers, "refused": found.refused})
         log.info("%s and %s: written in %.0f s", *targets, seconds)
 # fmt: on
