@@ -91,7 +91,7 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
         with np.errstate(invalid="ignore", over="ignore"):
             _fill(flat[:, pixels], detector, out[pixels])
 
-    list(run(tiles(1, len(out), (1, _STRIP_PIXELS)), fill_strip, threads=max(threads, 1)))
+    list(run(tiles(1, len(out), (1, _STRIP_PIXELS)), fill_strip, threads=threads))
     # finite scores beyond the output type become its largest value; the others are not valid
     if (bad := ~np.isfinite(out)).any():
         fine = np.isfinite(flat[:, bad]).all(axis=0)

@@ -314,7 +314,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     if not blocks:
         raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
     side = None if plan.recipe.side == "auto" else plan.recipe.side
-    return fit_sea(blocks, pixel=rule.pixel if plan.pixel_area else None, side=side, nir=nir if plan.glint else ())
+    return fit_sea(blocks, pixel=rule.pixel, side=side, nir=nir if plan.glint else ())
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:

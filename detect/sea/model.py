@@ -125,16 +125,16 @@ class SeaModel:
         return {"window": SEA_WINDOW} | {k: getattr(self, k) for k in ("centre", "spread", "scales", "side", "q90")}
 
 
-def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, nir: Sequence[Array] = ()) -> SeaModel:
+def fit(blocks: Blocks, *, pixel: float = 10.0, side: str | None = None, nir: Sequence[Array] = ()) -> SeaModel:
     """Fit the statistics of the water to pairs: a block of a scene, (band, row, column), and its classes from `region`.
 
     `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by
-    default. Otherwise, or if `pixel` is None, there is one scale, and `side` is "bright" by default. `nir`, the NIR of
-    every block before glint removal, (band, row, column), is used only below 5 m, because a boat that fills a larger
-    pixel is itself bright in the NIR.
+    default. Otherwise there is one scale, and `side` is "bright" by default. `nir`, the NIR of every block before glint
+    removal, (band, row, column), is used only below 5 m, because a boat that fills a larger pixel is itself bright in
+    the NIR.
     Raises NoWaterError if fewer than 100 pixels are water, and InputError if `side` is not allowed.
     """
-    fine = pixel is not None and pixel < _FINE_PIXEL
+    fine = pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
     scales = _FINE_SCALES if fine else SCALES
     check_choice(side, list(SIDES), "side")

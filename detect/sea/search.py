@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deglint.errors import FitError, InputError
+from deglint.errors import FitError
 
 from ..arrays import Array, Float32, Float64, Mask
 from ..background import as_image, as_mask
@@ -88,9 +88,7 @@ class Clutter:
         return min(this / max(highest, _LEAST_SURVIVAL), 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """The `score_top` that `false_per_km2` false objects per km2 exceed. Raises InputError if `area` is NaN."""
-        if not self.area > 0:
-            raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
+        """The `score_top` that `false_per_km2` false objects per km2 exceed; `area` must not be NaN."""
         count = len(self.peaks)
         wanted = false_per_km2 * self.area
         if wanted >= count:
