@@ -172,7 +172,8 @@ def fit(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type; pixels with NaN or infinity in any band are excluded.
+        Any real type; pixels with NaN or infinity in any band are excluded, and so are those hidden in any band of a
+        numpy masked array.
     mask : (row, column) bool ndarray, optional
         True where a pixel belongs to the background; by default all valid pixels belong to it.
     covariance : str
@@ -191,8 +192,7 @@ def fit(
     InputError
         `covariance`, `ridge` or `threads` is not allowed, the image is empty, or image or mask is not as above.
     """
-    image = as_image(image)
-    mask = as_mask(mask, image)
+    image, mask = as_image(image, mask)
     check_rule(covariance, ridge)
     share = sample_share(covariance, image[0].size if mask is None else int(np.count_nonzero(mask)))
 
@@ -226,21 +226,27 @@ def check_range(values: Array) -> None:
         )
 
 
-def as_image(image: Array) -> Array:
-    """Convert an image to an array. Raises InputError if it is empty, or not (band, row, column) of real numbers."""
+def as_image(image: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> tuple[Array, Mask | None]:
+    """Convert an image and the mask of the pixels to use (None: all) to plain arrays in the byte order of the machine.
+
+    Pixels that a numpy masked array hides in any band are removed from the mask. Raises InputError if the image is
+    empty or not (band, row, column) of real numbers, or if image and mask differ in rows or columns.
+    """
+    hidden = np.ma.getmask(image)
     image = np.asarray(image)
     if image.ndim != 3 or not image.size:
         raise InputError(f"expected a (band, row, column) array with at least one value, got shape {image.shape}.")
     if image.dtype.kind not in "fiu":
         raise InputError(f"expected real numbers, got {image.dtype}.")
-    return image
+    if mask is not None:
+        mask = np.asarray(mask)
+        if mask.shape != image.shape[1:]:
+            raise InputError(f"the mask has shape {mask.shape}, but the image has {image.shape[1:]} rows and columns.")
+        mask = mask.astype(np.bool_, copy=False)
+    image = image.astype(image.dtype.newbyteorder("="), copy=False)
+    return image, both(mask, ~np.any(hidden, axis=0) if np.any(hidden) else None)
 
 
-def as_mask(mask: npt.ArrayLike | None, image: Array) -> Mask | None:
-    """Convert a mask to bool; None stays None. Raises InputError if image and mask differ in rows or columns."""
-    if mask is None:
-        return None
-    mask = np.asarray(mask)
-    if mask.shape != image.shape[1:]:
-        raise InputError(f"the mask has shape {mask.shape}, but the image has {image.shape[1:]} rows and columns.")
-    return mask.astype(np.bool_, copy=False)
+def both(a: Mask | None, b: Mask | None) -> Mask | None:
+    """Intersection of two masks; None means everywhere."""
+    return b if a is None else a if b is None else a & b

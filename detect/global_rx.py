@@ -23,7 +23,7 @@ from deglint.errors import FitError, InputError
 from deglint.tiles import Tile, default_threads, run, tiles
 
 from .arrays import Array, Float64, Mask, Scores
-from .background import RIDGE, Background, as_image, as_mask, fit
+from .background import RIDGE, Background, as_image, both, fit
 from .covariance import TOLERANCE, whitener
 
 Given = Background | Mask | None  # a fitted background, or the pixels to which one is fitted; None: all of them
@@ -262,15 +262,8 @@ def residual_rx(image: Array, background: Given = None, *, nir: Sequence[int], m
 def _run(method: str, image: Array, background: Given, mask: Mask | None, **options: Any) -> Scores:
     """Score an image with a method; fit the background if none is given. `options` are those of `fit` or `detector`."""
     fitting = {name: options.pop(name) for name in ("covariance", "ridge", "threads") if name in options}
-    hidden = np.ma.getmask(image)
-    image = as_image(image)
-    mask = both(as_mask(mask, image), ~np.any(hidden, axis=0) if np.any(hidden) else None)
+    pixels, mask = as_image(image, mask)
     if not isinstance(background, Background):
-        background = fit(image, mask=both(as_mask(background, image), mask), **fitting)
+        background = fit(pixels, mask=both(as_image(pixels, background)[1], mask), **fitting)
     threads = default_threads(fitting.get("threads"))
-    return score(image, detector(method, background, **options), mask, threads=threads)
-
-
-def both(a: Mask | None, b: Mask | None) -> Mask | None:
-    """Intersection of two masks; None means everywhere."""
-    return b if a is None else a if b is None else a & b
+    return score(pixels, detector(method, background, **options), mask, threads=threads)

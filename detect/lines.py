@@ -53,7 +53,7 @@ class LineScorer:
         Parameters
         ----------
         line : (band, column) array
-            NaN or infinity, in any band, where a pixel is not valid.
+            NaN, infinity, or hidden in a numpy masked array, in any band, where a pixel is not valid.
 
         Returns
         -------
@@ -65,7 +65,7 @@ class LineScorer:
         InputError
             The line is not (band, column), the number of bands changes, or a value of a valid pixel is beyond +-1e150.
         """
-        values = np.asarray(line, np.float64)
+        values = np.ma.filled(np.ma.asarray(line, np.float64), np.nan)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):
             raise InputError(f"line must be (band, column), always of the same bands, got shape {values.shape}.")
         if not len(self._mean):

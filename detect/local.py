@@ -24,7 +24,7 @@ from deglint.errors import InputError
 from deglint.tiles import Tile, one_thread_each, run
 
 from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
-from .background import as_image, as_mask, check_range, check_rule
+from .background import as_image, check_range, check_rule
 from .covariance import TOLERANCE
 
 CELL = 256  # side of the cells computed at a time [pixel]; tiles that start at multiples of it have identical scores
@@ -83,7 +83,8 @@ def local_rx(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type, any units; pixels with NaN or infinity in any band are not valid.
+        Any real type, any units; pixels with NaN or infinity in any band are not valid, nor are those hidden in any
+        band of a numpy masked array.
     inner, outer : int
         Sides of the guard and of the window [pixel], odd, inner < outer. The ring is the window without the guard.
     mask : (row, column) bool ndarray, optional
@@ -116,8 +117,7 @@ def local_rx(
     >>> np.unravel_index(scores.argmax(), scores.shape) == (20, 30)
     True
     """
-    image = as_image(image)
-    mask = as_mask(mask, image)
+    image, mask = as_image(image, mask)
     size = (image.shape[1], image.shape[2])
     threads = options.pop("threads", 1)
     rule = WindowRule(inner, outer, size, **options)

@@ -21,7 +21,7 @@ from deglint.morphology import box_sum
 from deglint.remove.noise import spread
 
 from .arrays import Float32, Float64, Mask
-from .background import as_mask
+from .background import as_image
 
 FASTEST = 20.0  # maximum speed of a boat [m/s]
 _WATER_WINDOW = 31  # side of the window whose mean of water is subtracted for the contrast [pixel]
@@ -72,15 +72,14 @@ def motions_in(
     image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None
 ) -> tuple[list[Mover], float]:
     """All motions in an image, and the least contrast of a boat there; arguments as for `find_moving`."""
-    bands = np.asarray(image, np.float32)
-    times = np.asarray(delays, np.float64)
-    if bands.ndim != 3 or len(bands) != len(times):
-        raise InputError(f"image: want (band, row, column) and a delay for each band, got {bands.shape}, {times.size}.")
+    values, mask = as_image(image, water)
+    bands, times = values.astype(np.float32, copy=False), np.asarray(delays, np.float64)
+    if len(bands) != len(times):
+        raise InputError(f"delays: want a delay for each band, got {times.size} for {len(bands)} bands.")
     if len(np.unique(times)) < 3:
         raise InputError("a motion needs three bands with different times: a uniform motion fits any two detections.")
     if not pixel > 0:
         raise InputError(f"pixel: want a side above 0 m, got {pixel}.")
-    mask = as_mask(water, bands)
     sea = np.ones(bands.shape[1:], np.bool_) if mask is None else mask
     places = [_peaks(_contrast(band, sea), sea) for band in bands]
     later = times > (times.min() + times.max()) / 2

@@ -33,6 +33,22 @@ def psi(target, background):
     return Fraction(int(target > background) * 2 + int(target == background), 2)
 
 
+def test_pixels_that_a_masked_array_hides_are_left_out():
+    scores = np.random.default_rng(0).normal(size=(40, 40))
+    truth = np.zeros((40, 40), int)
+    truth[20:24, 20:24], truth[30:34, 30:34] = 1, 2
+    hidden = np.zeros((40, 40), bool)
+    hidden[:21] = True
+    masked, holed = np.ma.array(np.where(hidden, 99.0, scores), mask=hidden), np.where(hidden, np.nan, scores)
+    assert Roc.of(masked, truth).auc == Roc.of(scores, np.ma.array(truth, mask=hidden)).auc == Roc.of(holed, truth).auc
+    assert bootstrap(masked, truth, draws=10).auc == bootstrap(holed, truth, draws=10).auc
+    assert compare(masked, scores, truth).difference == 0
+    assert len(false_alarms(masked, truth, 2.0)) == len(false_alarms(holed, truth, 2.0))
+    one, two = (object_curve(s, truth, Roc.of(s, truth)) for s in (masked, holed))
+    assert one.objects == two.objects
+    np.testing.assert_array_equal(one.false_alarms, two.false_alarms)
+
+
 @given(CASES)
 def test_area_and_its_variance_are_those_of_all_pairs(case):
     """Mann-Whitney and DeLong's components by definition, in exact fractions."""

@@ -23,8 +23,8 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from ..arrays import Array, Mask, Uint8
-from ..background import Background, Part, sample_share
-from ..global_rx import DETECTORS, Detector, both, detector
+from ..background import Background, Part, both, sample_share
+from ..global_rx import DETECTORS, Detector, detector
 from ..local import CELL, WindowRule
 from ..sea.model import LEAST_WATER, SeaModel
 from ..sea.model import fit as fit_sea

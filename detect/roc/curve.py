@@ -69,9 +69,9 @@ class Roc:
         Parameters
         ----------
         scores : ndarray
-            Scores of the pixels, any shape; a pixel with NaN is not valid.
+            Scores of the pixels, any shape; a pixel that is NaN, or hidden in a numpy masked array, is not valid.
         truth : ndarray of the same shape
-            Not 0 where a pixel is a target, 0 for background; a pixel with NaN is not valid.
+            Not 0 where a pixel is a target, 0 for background; not valid as for scores.
         valid : ndarray of bool, optional
             False where a pixel is not used; by default all pixels are used.
 
@@ -80,8 +80,8 @@ class Roc:
         InputError
             The shapes differ, no target or no background is valid, a score is infinite, or all scores are equal.
         """
+        ok = usable(np.asanyarray(scores), np.asanyarray(truth), valid)
         scores, truth = np.asarray(scores), np.asarray(truth)
-        ok = usable(scores, truth, valid)
         target = truth != 0
         kept = scores.astype(np.float64) if scores.dtype.kind in "iub" else scores
         targets, background = (np.sort(kept[part]) for part in (ok & target, ok & ~target))
@@ -279,14 +279,18 @@ def _variance(v10: Float64, v01: Float64) -> float:
 
 
 def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
-    """Mask of the pixels to use: score and truth not NaN, and `valid` True. Raises InputError if the shapes differ."""
+    """Mask of the pixels to use: score and truth neither NaN nor hidden in a numpy masked array, and `valid` True.
+
+    Raises InputError if the shapes differ.
+    """
     if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
         shapes = ", ".join(str(a.shape) for a in (scores, truth, valid) if a is not None)
         raise InputError(f"scores, truth and valid must be of one shape, got {shapes}.")
     ok = np.ones(scores.shape, np.bool_) if valid is None else valid.astype(np.bool_)
     for array in (scores, truth):
+        ok &= ~np.ma.getmaskarray(array)
         if array.dtype.kind == "f":
-            ok &= ~np.isnan(array)
+            ok &= ~np.isnan(np.asarray(array))
     return ok
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from deglint.errors import FitError
 
 from ..arrays import Array, Float32, Float64, Mask
-from ..background import as_image, as_mask
+from ..background import as_image
 from ..objects import Object, find, find_among, label
 from ..threshold import Tail, Threshold, excess_at, fit_pareto, from_tail, survival
 from .model import SeaModel, fit, score
@@ -219,7 +219,8 @@ def score_scene(
     Parameters
     ----------
     image : (band, row, column) array
-        NaN where not valid. The visible bands of a deglinted scene give the best results.
+        NaN, or hidden in a numpy masked array, where not valid. The visible bands of a deglinted scene give the best
+        results.
     water : (row, column) array of bool, optional
         Water mask, False on land and at floating objects; by default, all valid pixels are water.
     pixel : float
@@ -248,9 +249,10 @@ def score_scene(
     >>> [(round(o["row"]), round(o["column"])) for o in score_scene(sea).objects[:1]]
     [(51, 65)]
     """
-    values = as_image(image)
+    values, shown = as_image(image)
+    values = values if shown is None else np.where(shown, values, np.nan)
+    _, inside = as_image(values, water)
     valid = np.asarray(np.isfinite(values).all(axis=0))
-    inside = as_mask(water, values)
     mask = valid if inside is None else inside & valid
     classes = region(mask, SeaRule(pixel), valid)
     model = fit([(values, classes)], pixel=pixel, side=side)

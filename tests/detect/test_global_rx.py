@@ -197,8 +197,17 @@ def test_subspace_leaves_the_leading_eigenvectors_out():
 
 @pytest.mark.parametrize(
     ("function", "options"),
-    [(rx, {}), (utd, {}), (rx_utd, {}), (subspace_rx, {}), (residual_rx, {"nir": [2]})],
-    ids=["rx", "utd", "rx_utd", "subspace_rx", "residual_rx"],
+    [
+        (rx, {}),
+        (utd, {}),
+        (rx_utd, {}),
+        (subspace_rx, {}),
+        (residual_rx, {"nir": [2]}),
+        (local_rx, {"inner": 3, "outer": 11}),
+        (lambda image: background.fit(image).covariance, {}),
+        (lambda image: score_scene(image).scores, {}),
+    ],
+    ids=["rx", "utd", "rx_utd", "subspace_rx", "residual_rx", "local_rx", "fit", "score_scene"],
 )
 def test_pixels_of_a_masked_array_are_not_valid(function, options):
     image = image_of()
@@ -206,6 +215,14 @@ def test_pixels_of_a_masked_array_are_not_valid(function, options):
     image[1, 5:9, 5:9] = -9999
     holed[:, 5:9, 5:9] = np.nan
     np.testing.assert_array_equal(function(np.ma.masked_equal(image, -9999), **options), function(holed, **options))
+
+
+@pytest.mark.parametrize(("function", "options"), [(rx, {}), (local_rx, {"inner": 3, "outer": 11})])
+def test_the_byte_order_of_an_image_changes_nothing(function, options):
+    image = image_of()
+    found = function(image.astype(">f8"), **options)
+    np.testing.assert_array_equal(found, function(image, **options))
+    assert found.dtype == np.float64
 
 
 @pytest.mark.parametrize("function", [rx, background.fit, score_scene])

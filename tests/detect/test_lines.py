@@ -38,6 +38,8 @@ def test_invalid_pixels_have_no_score_and_teach_nothing():
     scores = np.stack(list(score_lines(lines)))
     assert np.isnan(scores[:, :10]).all()
     np.testing.assert_allclose(scores[5:, 10:], np.stack(list(score_lines(lines[:, :, 10:])))[5:], rtol=1e-6)
+    masked = np.ma.masked_equal(np.nan_to_num(lines, nan=-9999), -9999)
+    np.testing.assert_array_equal(np.stack(list(score_lines(masked))), scores)
 
 
 def test_a_new_background_is_learnt():

@@ -92,6 +92,14 @@ def test_where_motions_line_up_by_chance_none_is_told():
     assert not find_moving(image, [0, 0.2, 0.4], pixel=1.2)
 
 
+def test_a_boat_that_a_masked_array_hides_is_not_found():
+    image = moving_scene(10.0, 75.0)
+    hidden = np.zeros(image.shape, bool)
+    hidden[:, 80:100, 100:120] = True
+    assert find_moving(image, DELAYS, pixel=1.2)
+    assert not find_moving(np.ma.array(image, mask=hidden), DELAYS, pixel=1.2)
+
+
 def test_too_few_delays_and_pixels_of_no_size_are_refused():
     image = np.zeros((3, 10, 10))
     with pytest.raises(InputError, match="three bands"):
