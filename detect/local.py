@@ -21,7 +21,7 @@ import numpy as np
 
 from deglint.checks import check_choice, check_number, checked_keywords
 from deglint.errors import InputError
-from deglint.tiles import Tile, one_thread_each, run
+from deglint.tiles import Tile, default_threads, one_thread_each, run
 
 from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
 from .background import as_image, check_range, check_rule
@@ -119,7 +119,7 @@ def local_rx(
     """
     image, mask = as_image(image, mask)
     size = (image.shape[1], image.shape[2])
-    threads = options.pop("threads", 1)
+    threads = default_threads(options.pop("threads", 1))
     rule = WindowRule(inner, outer, size, **options)
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
@@ -150,7 +150,7 @@ def score_part(
         check_range(block[:, good])
 
     score_cell = partial(_score_cell, block, good, held, rule)
-    for cell, (values, state) in run(part.split(CELL), score_cell, threads=max(threads, 1)):
+    for cell, (values, state) in run(part.split(CELL), score_cell, threads=threads):
         own = cell.within(part)
         scores[own], states[own] = np.minimum(values, np.finfo(dtype).max), state
     return scores, states

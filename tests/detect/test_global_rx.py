@@ -1,6 +1,7 @@
 """Global detectors: recorded figures of labelled scenes, the spectral package, and the identities that RX holds."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -256,7 +257,7 @@ def test_wrong_bands_methods_and_threads_are_refused():
         detector("nonsense", background.fit(image_of()))
     with pytest.raises(InputError, match=r"image .*3 bands.*background 5"):
         rx(image_of()[:3], background.fit(image_of()))
-    for function in (rx, background.fit):
+    for function in (rx, background.fit, partial(local_rx, inner=3, outer=11)):
         with pytest.raises(InputError, match=r"^threads: .*1 to 1024.* -1\b"):
             function(image_of(), threads=-1)
 
