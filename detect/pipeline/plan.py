@@ -299,12 +299,13 @@ def fit_background(plan: Plan, run: tiling.RunTiles = tiling.run, progress: Prog
 
 
 def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
-    """Fit the statistics of the water to a scene, or to a sample of blocks that contain water if the scene is large."""
+    """Fit the statistics of the water to a scene, or to blocks from all parts of the water if the scene is large."""
     scene, blocks, nir = plan.scene, [], []
     block_side = _SAMPLE_BLOCK if max(scene.height, scene.width) > 2 * _SAMPLE_BLOCK else 2 * _SAMPLE_BLOCK
     everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
-    for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
-        block, classes, shown = read_sea(plan, rule, tile)
+    places = tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2)
+    for i in np.random.default_rng(0).permutation(len(places)):  # in order, the first blocks are the upper edge alone
+        block, classes, shown = read_sea(plan, rule, places[i])
         if count := int(np.count_nonzero(classes == WATER)):
             blocks.append((block, classes))
             nir.append(shown)

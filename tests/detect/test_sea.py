@@ -14,6 +14,7 @@ import pytest
 import rasterio
 from rasterio.transform import from_origin
 
+from deglint import open_scene
 from deglint.errors import InputError
 from detect.objects import find, find_among
 from detect.pipeline import Recipe, plan, score_file
@@ -261,6 +262,15 @@ def test_the_size_assumed_for_pixels_is_logged_once(rxdetect, write, tmp_path):
     ran = rxdetect("score", path, tmp_path / "out.tif", "--method", "sea")
     assert "taken as 10 m" in ran.err, ran.err
     assert "below 1 m" not in ran.err
+
+
+def test_large_scenes_are_sampled_in_all_parts(tmp_path, write, monkeypatch):
+    monkeypatch.setattr(plan, "_SAMPLE_BLOCK", 64)
+    rng = np.random.default_rng(0)
+    rougher = np.linspace(1, 30, 1024)[:, None]  # downwards
+    image = 500 + rougher * rng.normal(size=(3, 1024, 256)).astype(np.float32)
+    made = plan.make_plan(open_scene(write(tmp_path / "large.tif", image)), Recipe(method="sea", mask="none"), 1)
+    assert (plan.fitted(made).model.spread > 8).all()  # 12 in the whole scene, 3 in the upper row of blocks
 
 
 def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
