@@ -94,9 +94,10 @@ def find(
 ) -> list[Object]:
     """Find the objects of a mask of detected pixels, (row, column), in order of descending `score_max`.
 
-    Pixels that touch, also at a corner, are one object; pixels whose score is NaN are ignored. Parts whose nearest
-    pixels are at most `merge_distance` apart, centre to centre [pixel], are merged. Then objects of fewer than
-    `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError if shapes differ or a value is not allowed.
+    Pixels that touch, also at a corner, are one object; pixels whose score is NaN, or hidden in a numpy masked array,
+    are ignored. Parts whose nearest pixels are at most `merge_distance` apart, centre to centre [pixel], are merged.
+    Then objects of fewer than `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError if shapes differ
+    or a value is not allowed.
 
     Examples
     --------
@@ -104,10 +105,11 @@ def find(
     >>> [(o.size, o.score_max, o.centroid) for o in find(scores > 2, scores)]
     [(2, 9.0, (0.5, 0.0)), (1, 8.0, (1.0, 3.0))]
     """
-    mask, scores = np.asarray(mask), np.asarray(scores)
+    hidden = np.ma.getmask(scores)
+    mask, scores = np.ma.filled(mask, False), np.asarray(scores)
     if mask.ndim != 2 or mask.shape != scores.shape:
         raise InputError(f"mask and scores must be of one shape (row, column), got {mask.shape} and {scores.shape}.")
-    rows, columns = np.nonzero(mask.astype(np.bool_, copy=False) & ~np.isnan(scores))
+    rows, columns = np.nonzero(mask.astype(np.bool_, copy=False) & ~np.isnan(scores) & ~hidden)
     return find_among(
         rows, columns, scores[rows, columns], min_size=min_size, merge_distance=merge_distance, pixel_area=pixel_area
     )

@@ -51,6 +51,12 @@ def test_parts_are_those_of_brute_force(mask, case):
     assert {pixels(o) for o in found} == brute_parts(mask, reach2)
 
 
+def test_pixels_that_a_masked_array_hides_are_in_no_object():
+    scores = np.ma.masked_greater(np.array([[9.0, 1, 1, 99], [7, 1, 1, 8]]), 50)
+    for mask in (scores > 2, scores.data > 2):
+        assert [(o.size, o.score_max) for o in find(mask, scores)] == [(2, 9), (1, 8)]
+
+
 @given(MASKS)
 def test_numbers_are_those_of_the_pixels(mask):
     scores = np.random.default_rng(mask.size).integers(0, 5, mask.shape).astype(np.float32)
