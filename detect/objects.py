@@ -58,8 +58,8 @@ class Object:
     centroid: tuple[float, float]
     bounds: tuple[tuple[int, int], tuple[int, int]]
     footprint: Mask = field(repr=False)
-    score_top: float = math.nan
-    scores: Float64 = field(default_factory=lambda: np.zeros(0), repr=False)
+    score_top: float
+    scores: Float64 = field(repr=False)
 
     @property
     def measures(self) -> dict[str, object]:

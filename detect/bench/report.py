@@ -89,7 +89,7 @@ class Table:
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    note: str = ""
+    note: str
 
 
 def named(condition: Condition) -> str:

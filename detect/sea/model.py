@@ -106,8 +106,8 @@ class SeaModel:
     middle: Float64  # (scale,): median of the distance of water
     rare: Float64  # (scale,): 99.9 % quantile of the distance of water, which few pixels exceed
     q90: float  # 90 % quantile of the score over water
-    scales: tuple[int, ...] = SCALES  # sides of the averaging windows [pixel]
-    side: str = "bright"  # one of `SIDES`
+    scales: tuple[int, ...]  # sides of the averaging windows [pixel]
+    side: str  # one of `SIDES`
     glint: GlintScale | None = None  # divisors of the scores; None with coarse pixels or without NIR
 
     @property

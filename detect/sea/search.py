@@ -59,9 +59,9 @@ class Clutter:
     confirmed_pixels: int  # number of their pixels
     shape: float  # shape of the distribution [1]; NaN where no distribution could be fitted
     scale: float  # scale of the distribution [unit of the scores]
-    large: tuple[int, float] = (1, math.inf)  # large objects have at least so many pixels, and exceed this score
-    large_share: float = 1.0  # (n + 1) / (all + 1): n of all unconfirmed candidates have at least `large[0]` pixels
-    clouds: frozenset[tuple[int, int]] = frozenset()  # peaks (row, column) of round candidates, see `_round`
+    large: tuple[int, float]  # large objects have at least so many pixels, and exceed this score
+    large_share: float  # (n + 1) / (all + 1): n of all unconfirmed candidates have at least `large[0]` pixels
+    clouds: frozenset[tuple[int, int]]  # peaks (row, column) of round candidates, see `_round`
 
     @property
     def fitted(self) -> bool:
