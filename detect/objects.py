@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from deglint.checks import check_number
 from deglint.errors import InputError
 
 from .arrays import Array, Float64, Int32, Int64, Mask
@@ -19,6 +20,7 @@ from .arrays import Array, Float64, Int32, Int64, Mask
 Ring = tuple[tuple[float, float], ...]  # (column, row) corners of a closed polygon
 Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
 """Function that converts (column, row) points to (longitude, latitude) [degree]."""
+FARTHEST = 1e6  # largest distance within which parts are merged [pixel]
 _FOOTPRINT = 3
 """Number of pixels in `Object.score_top`. The point spread function spreads a point over about three pixels; a single
 bright pixel is noise or an artefact of the removal."""
@@ -130,10 +132,8 @@ def find_among(
     The pixels are in row-major order. Pixels with a score greater than `above` are the detected pixels of the objects.
     The other pixels only connect the parts of an object, and count for its `score_top`.
     """
-    if min_size < 1:
-        raise InputError(f"min_size: allowed is 1 pixel or more, got {min_size}.")
-    if not 0 <= merge_distance < math.inf:
-        raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
+    check_number(min_size, 1, math.inf, "min_size")
+    check_number(merge_distance, 0, FARTHEST, "merge_distance")
     if not len(rows):
         return []
     from scipy.sparse import coo_array

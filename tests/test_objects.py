@@ -15,6 +15,7 @@ from rasterio.features import rasterize
 
 from deglint.errors import InputError
 from detect.objects import find, to_geojson
+from detect.pipeline import Recipe
 
 from .common import PLACE
 
@@ -116,14 +117,16 @@ def test_inputs_are_left_alone():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"min_size": 0}, "min_size: allowed is 1"),
-        ({"merge_distance": -1}, "merge_distance: allowed is 0"),
-        ({"merge_distance": float("nan")}, "merge_distance: allowed is 0"),
+        ({"min_size": 0}, "min_size: want a number from 1"),
+        ({"merge_distance": -1}, "merge_distance: want a number from 0"),
+        ({"merge_distance": float("nan")}, "merge_distance: want a number from 0"),
     ],
 )
 def test_options_out_of_range(options, said):
     with pytest.raises(InputError, match=said):
         find(np.ones((2, 2), bool), np.ones((2, 2)), **options)
+    with pytest.raises(InputError, match=said):  # before the scene is scored
+        Recipe(**options)
 
 
 def test_shapes_must_agree():

@@ -1,16 +1,18 @@
 """Options of `rxdetect score`, as frozen dataclasses: `Recipe` for the processing, `Outputs` for the output files."""
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from deglint.checks import check_choice, checked_keywords
+from deglint.checks import check_choice, check_number, checked_keywords
 from deglint.errors import InputError
 
 from ..background import RIDGE, check_rule
 from ..global_rx import DETECTORS, Method
 from ..local import BORDERS
+from ..objects import FARTHEST
 from ..sea.model import SIDES
 from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
@@ -86,6 +88,8 @@ class Recipe:
         for name, values in known.items():
             check_choice(getattr(self, name), list(values), name)
         check_rule(self.covariance, self.ridge)
+        check_number(self.min_size, 1, math.inf, "min_size")
+        check_number(self.merge_distance, 0, FARTHEST, "merge_distance")
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         method, rate = self.method, self.false_per_km2
