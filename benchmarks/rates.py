@@ -26,7 +26,7 @@ from deglint.pipeline.correct import Correction, correction
 from deglint.pipeline.fit import fit_scene
 from deglint.pipeline.overview import raster_of
 from deglint.pipeline.recipe import Recipe
-from deglint.raster.environment import enter_thread, environment
+from deglint.raster.environment import environment
 from deglint.raster.simulated import write_scene
 from deglint.raster.source import ArraySource
 from deglint.simulate import Setup, simulate
@@ -82,7 +82,7 @@ def work_of(path: Path, recipe: Recipe, *, memory: bool = False) -> tuple[Correc
 
 def passed(work: Correction, tiles: list[tiling.Tile], threads: int) -> None:
     """Correct every tile and drop the results."""
-    for _ in tiling.run(tiles, work, threads=threads, start=enter_thread):
+    for _ in tiling.run(tiles, work, threads=threads):
         pass
 
 

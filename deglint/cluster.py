@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from .errors import DeglintError, InputError
-from .raster.environment import environment
 from .tiles import T, Tile, one_thread_each
 
 TILES_AHEAD = 3  # most tiles in progress, or finished and not fetched yet, for each thread of a worker
@@ -40,7 +39,7 @@ class Cluster:
         progress: Callable[[int, int], None] | None = None,
         **_of_threads: object,
     ) -> Iterator[tuple[Tile, T]]:
-        """Call `work` on every tile and yield (tile, result) in order, like `tiles.run`; thread options are ignored.
+        """Call `work` on every tile and yield (tile, result) in order, like `tiles.run`, whose `threads` is ignored.
 
         Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a tile kills several workers.
         """
@@ -176,11 +175,10 @@ def _unpacked(packed: bytes) -> Callable[[Tile], object]:
 @one_thread_each()
 def _do(packed: bytes, tile: Tile) -> object:
     """Process a tile in a worker by the pickled function `packed`; DeglintErrors are raised without their cause."""
-    with environment():
-        try:
-            return _unpacked(packed)(tile)
-        except DeglintError as error:
-            refusal = type(error)(str(error))
+    try:
+        return _unpacked(packed)(tile)
+    except DeglintError as error:
+        refusal = type(error)(str(error))
     raise refusal
 
 

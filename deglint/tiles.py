@@ -187,15 +187,14 @@ def run(
     *,
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
-    start: Callable[[], None] | None = None,
 ) -> Iterator[tuple[Tile, T]]:
     """Call `work` on every tile and yield (tile, result) in order; at most threads + 1 tiles are pending at a time.
 
-    Each thread calls `start` before its first tile. `progress` is called with the numbers of finished and of all tiles.
-    After an error, or if the caller stops iterating, no further tile is started, and running tiles are finished.
+    `progress` is called with the numbers of finished and of all tiles. After an error, or if the caller stops, no
+    further tile is started, and running tiles are finished.
     """
     total = len(everything)
-    with ThreadPoolExecutor(threads, thread_name_prefix="deglint", initializer=start) as pool:
+    with ThreadPoolExecutor(threads, thread_name_prefix="deglint") as pool:
         waiting: deque[tuple[Tile, Future[T]]] = deque()
         todo = iter(everything)
         try:

@@ -31,7 +31,6 @@ from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
 from .pipeline.overview import raster_of
 from .raster.convert import Raw
-from .raster.environment import enter_thread
 from .raster.info import RasterInfo
 from .raster.output import DTYPES
 from .raster.source import ArraySource
@@ -301,7 +300,7 @@ def over_tiles(opened: ArrayScene, work: TileWork, reach: int, like: Like, *, st
     out = np.empty((like[0], scene.height, scene.width), like[1])
     every = tiling.tiles(scene.height, scene.width, (block, block))
     threads = tiling.affordable(default_threads(threads), (block, block), 3 * len(scene.bands))
-    for tile, done in tiling.run(every, partial(work, scene), threads=threads, start=enter_thread):
+    for tile, done in tiling.run(every, partial(work, scene), threads=threads):
         out[tile.within(Tile(0, scene.height, 0, scene.width))] = done
     return out
 

@@ -11,6 +11,7 @@ from rasterio.enums import ColorInterp
 
 from deglint.errors import InputError, ReadError
 from deglint.raster.convert import is_valid, to_physical
+from deglint.raster.environment import CACHE
 from deglint.raster.source import ArraySource
 from deglint.readers import open_scene
 
@@ -40,6 +41,14 @@ def test_every_type_is_read_as_it_is(tmp_path, dtype):
     physical = source.read(WHOLE, [2, 0])
     assert physical.dtype == (np.float32 if dtype in SINGLE else np.float64)
     np.testing.assert_array_equal(physical, array[[2, 0]])
+
+
+def test_every_thread_reads_with_the_settings_of_gdal(tmp_path, monkeypatch):
+    source, cache = open_scene(write(tmp_path / "a.tif", numbers("uint8"))).source, []
+    monkeypatch.setattr(source, "_stacked", lambda *_: cache.append(rasterio.env.getenv()["GDAL_CACHEMAX"]))
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(source.read_raw, [WHOLE] * 4))
+    assert cache == [CACHE] * 4
 
 
 def test_float16_where_gdal_has_it(tmp_path):

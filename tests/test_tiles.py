@@ -164,16 +164,6 @@ def test_a_consumer_that_leaves_stops_the_work():
     assert len(done) < 10
 
 
-def test_every_thread_is_made_ready_first():
-    ready = threading.local()
-
-    def start():
-        ready.yes = True
-
-    found = tiles.run(tiles.tiles(640, 64, (64, 64)), lambda _: ready.yes, threads=4, start=start)
-    assert all(result for _, result in found)
-
-
 STORED = {
     "strips": {},
     "rows": {"blockysize": 1},

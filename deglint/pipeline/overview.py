@@ -14,7 +14,6 @@ from ..masks import Roles, WaterRule, deep_water, fit_sample, fit_water
 from ..masks.find import COARSE_PIXEL
 from ..moments import Mask
 from ..raster import RasterSource
-from ..raster.environment import enter_thread
 from ..readers.areas import open_area, tile_area
 from ..readers.grid import pixel_size
 from ..readers.roles import RED_EDGE, band_roles
@@ -127,7 +126,7 @@ def raster_of(scene: Scene) -> RasterSource:
 
 def on_threads(tiles: Sequence[Tile], work: Work[T], threads: int, progress: Note | None = None) -> Iterator[T]:
     """Iterate over the results of `work(tile)`, in the order of the tiles; arguments are as in `tiles.run`."""
-    return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
+    return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress))
 
 
 def read_tiles(scene: Scene, tiles: Sequence[Tile], bands: Sequence[int], threads: int) -> list[FloatArray]:

@@ -17,7 +17,7 @@ from ..cluster import Cluster
 from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..raster.convert import physical_dtype
-from ..raster.environment import enter_thread, environment
+from ..raster.environment import environment
 from ..raster.output import Scratch, plain, write_bytes, write_json, write_text, writing_all
 from ..raster.targets import Reads, check_ending, check_images, check_targets
 from ..readers.areas import collection
@@ -199,7 +199,7 @@ def _write_tiles(scratch: Scratch, work: Correction, targets: Outputs, sky: SkyG
     images = {"raw": (targets.image, image)} | beside(scene, image, tuple(work.amount_bands), targets, sky)
     over, progress = (run.cluster or tiling).run, partial(run.progress, "correct")
     with writing_all(scratch, images) as writers:
-        for tile, done in over(everything, work, threads=at_once, progress=progress, start=enter_thread):
+        for tile, done in over(everything, work, threads=at_once, progress=progress):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
@@ -246,8 +246,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     out = np.empty((len(scene.bands), *whole.shape), physical_dtype(raster_of(scene).info.dtype))
     everything = tiles_over(scene, whole, work.layout.tile)
     progress = partial(Reporter(), "correct")
-    with environment():
-        for tile, (clean, _where) in tiling.run(everything, work.values, progress=progress, start=enter_thread):
-            part = tile.clipped(whole)
-            out[part.within(whole)] = clean[part.within(tile)]
+    for tile, (clean, _where) in tiling.run(everything, work.values, progress=progress):
+        part = tile.clipped(whole)
+        out[part.within(whole)] = clean[part.within(tile)]
     return out

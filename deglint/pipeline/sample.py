@@ -17,7 +17,6 @@ from ..masks import SHORE, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL, Mask
 from ..morphology import grown, opened
-from ..raster.environment import enter_thread
 from ..readers.areas import collection, to_geojson
 from ..readers.bands import optics_of
 from ..readers.grid import pixel_size
@@ -265,7 +264,7 @@ def _read(job: Job, sampler: Sampler, plan: SamplePlan) -> Iterator[tuple[Sample
 
     largest = max(sampler.tiles, key=lambda tile: tile.pixels).shape
     at_once = tiling.affordable(job.threads, largest, 4 * len(columns))  # statistics take several copies
-    done = job.run(sampler.tiles, work, threads=at_once, progress=job.note, start=enter_thread)
+    done = job.run(sampler.tiles, work, threads=at_once, progress=job.note)
     return tiling.by_rows(done, lambda row: (merge([part for part, _ in row], plan), [place for _, place in row]))
 
 

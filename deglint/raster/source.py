@@ -21,6 +21,7 @@ from ..errors import InputError, ReadError
 from ..moments import Mask
 from ..scene import FloatArray, Window
 from .convert import FlatField, Raw, is_valid, same_nodata, to_physical
+from .environment import environment
 from .info import RasterInfo, gdal_errors, one_line, open_dataset, remedy
 
 
@@ -128,13 +129,11 @@ class RasterSource(AbstractContextManager["RasterSource"]):
                 f"window: allowed inside rows 0-{self.info.height} and columns 0-{self.info.width}, "
                 f"got rows {top}-{bottom} and columns {left}-{right}"
             )
-        from rasterio.env import env_ctx_if_needed
-
         if time.monotonic() > self.deadline:
             raise ReadError(f"{self.info.paths[0]} could not be read to its end in the given time")
         self.pixels_read += (bottom - top) * (right - left)
         try:
-            with env_ctx_if_needed(), self._datasets() as datasets:
+            with environment(), self._datasets() as datasets:
                 return self._stacked(datasets, window, bands)
         except gdal_errors() as error:
             where = f"rows {top}-{bottom}, columns {left}-{right} of {', '.join(self.info.paths)}"

@@ -14,7 +14,6 @@ from deglint.checks import from_plain
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
 from deglint.masks import WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, roles_of
-from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
 from deglint.readers.grid import ground_area, pixel_size
 from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
@@ -290,10 +289,10 @@ def fit_background(plan: Plan, run: tiling.RunTiles = tiling.run, progress: Prog
         return Part.of(block, inside(tile), (tile.row0, tile.col0), share)
 
     if share > 1:
-        counts = run(plan.tiles, count, threads=plan.threads, start=enter_thread)
+        counts = run(plan.tiles, count, threads=plan.threads)
         share = sample_share(recipe.covariance, sum(n for _tile, n in counts))
     told = progress and partial(progress, "fit")
-    done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
+    done = run(plan.tiles, gather, progress=told, threads=plan.threads)
     whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
     return whole.background(recipe.covariance, recipe.ridge, plan.names)
 

@@ -18,7 +18,7 @@ from deglint.errors import DeglintError, InputError, NoWaterError
 from deglint.pipeline.messages import log_scene
 from deglint.pipeline.outputs import versions
 from deglint.pipeline.overview import raster_of
-from deglint.raster.environment import enter_thread, environment
+from deglint.raster.environment import environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all
 from deglint.raster.targets import check_images, check_targets
@@ -209,7 +209,7 @@ def _write_tiles(
     counts, tails, beside = PixelCounts(), list[Tail](), list[dict[int, Places]]()
     with writing_all(scratch, _images(plan, targets)) as writers:
         told = partial(progress, "score")
-        for tile, scored in run(plan.tiles, work, threads=plan.threads, progress=told, start=enter_thread):
+        for tile, scored in run(plan.tiles, work, threads=plan.threads, progress=told):
             for what, writer in writers.items():
                 writer.write(getattr(scored, what), tile.window)
             counts.add(scored.counts)
