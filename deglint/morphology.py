@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -21,23 +22,17 @@ def squares(shape: tuple[int, ...], side: int) -> Iterator[tuple[slice, slice]]:
 
 def grown(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     """The mask (row, column), dilated by a square of `side` x `side` pixels (morphological dilation)."""
-    import cv2
-
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
 
 
 def eroded(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     """The mask (row, column), eroded by a square of `side` x `side` pixels; outside the image the mask is False."""
-    import cv2
-
     inner = cv2.erode(mask.view(np.uint8), square(side), borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(inner).view(np.bool_)
 
 
 def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     """Opened mask (row, column): True in the `side` x `side` squares, centred on a pixel, that have no False pixel."""
-    import cv2
-
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)
 
 
@@ -46,7 +41,5 @@ def box_sum(values: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
 
     The result has the data type of the values if that is a float, else int32. Sums of integers below 2^31 are exact.
     """
-    import cv2
-
     depth = -1 if values.dtype.kind == "f" else cv2.CV_32S
     return np.asarray(cv2.boxFilter(values, depth, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -14,8 +15,6 @@ from .scene import Scene
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     """Draw a scene beside its correction, the file `result`; return a PNG as bytes. Captions name bands and method."""
-    import cv2
-
     bands = scene.rgb(([f.band for f in model.fits] or range(len(scene.bands)))[::-1])
     info = describe_file(str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
@@ -28,8 +27,6 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
 
 
 def _titled(image: npt.NDArray[np.uint8], title: str) -> npt.NDArray[np.uint8]:
-    import cv2
-
     scale = max(1, 384 // max(image.shape[:2]))
     image = np.repeat(np.repeat(image, scale, axis=0), scale, axis=1)
     bar = np.full((26, max(image.shape[1], 240), 3), 255, np.uint8)

@@ -10,6 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+import cv2
 import numpy as np
 
 from deglint.checks import check_number
@@ -173,8 +174,6 @@ def find_among(
 
 def label(mask: Mask) -> Int32:
     """Label the connected parts of a mask, (row, column), with 1, 2, ...; 0 elsewhere. Corners connect pixels, too."""
-    import cv2
-
     if mask.size == 0:  # OpenCV crashes
         return np.zeros(mask.shape, np.int32)
     return np.asarray(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)[1])

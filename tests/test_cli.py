@@ -37,7 +37,7 @@ def test_starting_costs_little_processor_time(code):
 @pytest.mark.parametrize(
     ("code", "needed"),
     [("import deglint", []), ("import deglint.cli; deglint.cli.run(['--help'])", []),
-     ("import deglint.cli; deglint.cli.run(['remove', '--help'])", ["numpy"])],  # names its methods
+     ("import deglint.cli; deglint.cli.run(['remove', '--help'])", ["numpy", "cv2"])],  # names its methods
 )  # fmt: skip
 def test_starting_loads_no_heavy_package(code, needed):
     heavy = ["numpy", "rasterio", "numba", "cv2", "scipy", "sklearn", "skimage", "matplotlib", "dask"]

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -317,8 +318,6 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
     """Morphological opening of a band (row, column) by a square window [pixel]; invalid pixels are ignored."""
     if window == 1:
         return band
-    import cv2
-
     low = cv2.erode(np.where(valid, band, band.dtype.type(np.inf)), square(window))
     return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square(window)), band.dtype)
 

@@ -7,6 +7,7 @@ is in the window, the mean is that of one side of the pixel only; `detrend_plane
 
 from functools import partial
 
+import cv2
 import numpy as np
 
 from ..moments import Float64, Mask
@@ -36,8 +37,6 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN)
     >>> float(detrend(ramp, size=3)[0, 0, 12])
     0.0
     """
-    import cv2
-
     sample = np.isfinite(block).all(axis=0) & (True if mask is None else mask)
     out = np.empty(block.shape)
     if not block.size:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from ..moments import Mask
@@ -27,8 +28,6 @@ def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
 
     After Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060.
     """
-    import cv2
-
     differences, means = [], []
     for plane, mask in zip(planes, inside, strict=True):
         second = (plane[:-2, 1:-1] + plane[2:, 1:-1] - 2 * plane[1:-1, 1:-1]) / np.float32(np.sqrt(6))

@@ -7,6 +7,7 @@ image with other processor instructions, spare columns are added first and remov
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import cv2
 import numpy as np
 
 from ..checks import check_kind
@@ -31,8 +32,6 @@ def predictions(
 
     If the model has kernels for two kinds of detector strips, the predictions are blended where the strips meet.
     """
-    import cv2
-
     sides = KERNEL_REACH, KERNEL_REACH, KERNEL_REACH, KERNEL_REACH + SPARE
     wide = {r: cv2.copyMakeBorder(values, *sides, cv2.BORDER_REFLECT_101) for r, values in references.items()}
     for fit in model.fits:
@@ -47,8 +46,6 @@ def predictions(
 
 def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
     """Sum of the references `wide` (by 0-based band), filtered by the kernels of an index; the border is cut off."""
-    import cv2
-
     inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
     parts: list[Any] = []
     for band in dict.fromkeys(index.bands):

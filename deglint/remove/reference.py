@@ -10,6 +10,7 @@ Local means are computed from sums of integers, which are exact: any division in
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -122,8 +123,6 @@ def _smoothed(values: FloatArray, rule: ReferenceRule) -> FloatArray:
     Lee (1980), IEEE Transactions on Pattern Analysis and Machine Intelligence 2, 165-168,
     doi:10.1109/TPAMI.1980.4766994.
     """
-    import cv2
-
     grains, side = _grains(values, rule), (NOISE_SIDE, NOISE_SIDE)
     mean = cv2.boxFilter(grains, cv2.CV_32S, side, normalize=False) / NOISE_SIDE**2
     variance = np.maximum(cv2.sqrBoxFilter(grains, cv2.CV_64F, side) - mean**2, 1.0)  # that of rounding is below 1

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -90,7 +91,6 @@ def filled(known: npt.NDArray[np.int8]) -> Mask:
     `known` is 0 or 1, the kind, or -1 if not known. Unknown squares take the kind of the nearest known square, or
     the first kind if none is known. Then isolated squares take the kind of most of their neighbours.
     """
-    import cv2
     from scipy.ndimage import distance_transform_edt
 
     if (known < 0).all():

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -342,8 +343,6 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
 
 def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequence[_Cleaned], side: int) -> LevelSample:
     """`LevelSample` of the bands `some` (positions in `fits`). Its local means are over `side` x `side` pixels."""
-    import cv2
-
     slopes = np.array([f.slope for f in model.fits])[some]
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in (t for t in cleaned if t.sample.any()):

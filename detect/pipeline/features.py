@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from rasterio.features import bounds
 from rasterio.warp import transform as warp
@@ -156,8 +157,6 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
 
     Each shows the scene before glint removal (if the sidecar names its file), the scene, and `scores`, an open raster.
     """
-    import cv2
-
     folder.mkdir(parents=True, exist_ok=True)
     scenes, names = [*_raw_of(scene), scene], list[str]()
     for o in found:

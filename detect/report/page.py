@@ -12,6 +12,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
 from deglint import __version__
@@ -53,7 +54,6 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
 
     `seconds` is the duration of the evaluation [s]; `checksum` was made before the files were read.
     """
-    import cv2
     import scipy
 
     return {

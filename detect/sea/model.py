@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Self
 
+import cv2
 import numpy as np
 
 from deglint.checks import check_choice
@@ -83,8 +84,6 @@ class GlintScale:
 
     def nearby(self, nir: Array) -> Float32:
         """Standardised NIR, (row, column): maximum over bands and 3 x 3 pixels, then mean of `side` x `side` pixels."""
-        import cv2
-
         centre, spread = self.centre[:, None, None], self.spread[:, None, None]
         standard = (np.nan_to_num(np.asarray(nir, np.float32)) - centre) / spread
         highest = cv2.dilate(standard.max(axis=0).astype(np.float32), np.ones((_REACH, _REACH), np.uint8))

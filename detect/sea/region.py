@@ -10,6 +10,7 @@ land count as clutter: as false alarms.
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from deglint.errors import InputError
@@ -87,15 +88,11 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
 
 
 def _opened(mask: Mask, window: Uint8) -> Mask:
-    import cv2
-
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, window).view(np.bool_))
 
 
 def _line(length: float, angle: float) -> Uint8:
     """Structuring element: a line of a length [pixel], at an angle clockwise from the upward direction [degree]."""
-    import cv2
-
     half = (length - 1) / 2
     middle = math.ceil(half)
     across, down = half * math.sin(math.radians(angle)), -half * math.cos(math.radians(angle))
@@ -120,8 +117,6 @@ def likeness(length: float, width: float, size: float) -> float:
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
     """Smallest rectangle of a mask: length and width [pixel], angle of the length clockwise from up [degree]."""
-    import cv2
-
     rows, columns = np.nonzero(footprint)
     points = np.stack([columns, rows], axis=1).astype(np.float32)  # centres; the sides of a pixel are 1
     corners = np.concatenate([points + d for d in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5))])
@@ -137,8 +132,6 @@ def _fitting(mask: Mask, length: float, width: float) -> tuple[Array, Array, lis
     * `width` pixels. Returns labels, (row, column), statistics as OpenCV computes them, (label, 5), and the list of
     small parts: (label, length and width of the rectangle).
     """
-    import cv2
-
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
     found = []
     diagonal = math.hypot(length, width) + 1
