@@ -7,6 +7,7 @@ from rasterio.enums import ColorInterp
 
 import deglint as library
 from deglint import Recipe, remove_glint
+from deglint.errors import InputError
 from deglint.pipeline import FLAGS
 from deglint.raster.convert import encode, retype
 
@@ -186,6 +187,13 @@ def test_float_to_integer_keeps_nodata_as_a_mask_and_counts_what_is_clipped(sea,
     lost = [int(np.count_nonzero(np.rint(b[g]) > 255)) for b, g in zip(expected, good, strict=True)]
     assert list(result.sidecar["pixels"]["clipped"].values()) == lost
     assert result.sidecar["pixels"]["clipped"]["nir"] > 0
+
+
+@pytest.mark.parametrize(("factor", "dtype"), [(1e-4, "uint16"), (100, "uint8")])
+def test_a_type_that_would_keep_almost_nothing_is_refused(sea, write, tmp_path, factor, dtype):
+    path = write(tmp_path / "in.tif", sea(dtype="float32") * np.float32(factor))
+    with pytest.raises(InputError, match="keep almost nothing"):
+        remove_glint(path, tmp_path / "out.tif", PLAIN, dtype=dtype)
 
 
 def test_float_to_integer_makes_what_is_not_finite_nodata(sea, write, read, tmp_path):

@@ -43,6 +43,7 @@ CHAIN_CELL = tiling.COMPACT
 """Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel
 of the scene, however the scene is stored and read, so that the result is the same to the bit."""
 STRIP = 4 << 20  # most values in a tile if the file is stored in strips: wide tiles read few strips twice
+FEWEST_STEPS = 10.0  # fewer integers between dark and bright pixels show neither water nor glint
 ERROR_TILES = 8  # number of tiles from which noise and errors are estimated; few, as each is corrected several times
 ERROR_TILE_SIDE = 192  # side of these tiles [pixel]; a trial moves the glint by half a tile
 
@@ -256,6 +257,7 @@ def correction(
     wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
+    _check_type(scene, layout)
     model, chain = fitted.model, fitted.chain
     every = image_bands(scene.bands, model.index_bands) if chain.replaces else sorted(f.band for f in model.fits)
     wanted_bands = {find_band(scene, b) for b in fitted.recipe.bands}
@@ -267,6 +269,24 @@ def correction(
     if targets and targets.stderr:
         work = _with_stderr(work, threads)
     return replace(work, layout=replace(layout, tile=_tile_shape(work)))
+
+
+def _check_type(scene: Scene, layout: Layout) -> None:
+    """Raise InputError if an integer type of the output can hold almost none of the values in a few tiles of a scene,
+    or if rounding leaves almost nothing of them (such as of reflectance from 0 to 1).
+    """
+    source, out = raster_of(scene), np.dtype(layout.dtype)
+    if out.kind == "f" or out == source.info.dtype:
+        return
+    parts = [source.read_raw(tile.window) for tile in _tiles_of(scene)]
+    known = [raw[is_finite(raw) & (True if valid is None else valid)] for raw, valid in parts]
+    if not (values := np.concatenate(known)).size:
+        return
+    low, high = np.percentile(values, [1, 99])
+    outside = low > np.iinfo(out).max or high < np.iinfo(out).min
+    if outside or (source.info.dtype.kind == "f" and high - low < FEWEST_STEPS):
+        said = f"holds numbers from {low:.3g} to {high:.3g}, and {out} would keep almost nothing of them"
+        raise InputError(f"{scene.path} {said}. Leave out --dtype, or multiply the image first.")
 
 
 def _tile_shape(work: Correction) -> tuple[int, int]:
