@@ -224,6 +224,16 @@ def test_a_saved_model_goes_onto_another_scene(deglint, sea, write, read, tmp_pa
     }
 
 
+def test_a_model_of_other_units_is_warned_of(deglint, sea, write, tmp_path):
+    model, counts = tmp_path / "model.json", sea()
+    reflectance = write(tmp_path / "first.tif", counts.astype(np.float32) / 10_000)
+    assert deglint("remove", reflectance, tmp_path / "a.tif", *RUN, "--save-model", model).code == 0
+    ran = deglint("remove", write(tmp_path / "second.tif", counts), tmp_path / "b.tif", "--model", model)
+    assert (ran.code, "units may differ" in ran.err) == (0, True)
+    ran = deglint("remove", reflectance, tmp_path / "c.tif", "--model", model)
+    assert (ran.code, "units may differ" in ran.err) == (0, False)
+
+
 def test_of_a_saved_model_the_named_bands_are_used(deglint, sea, write, read, tmp_path):
     source, model, out = write(tmp_path / "in.tif", sea()), tmp_path / "model.json", tmp_path / "out.tif"
     assert deglint("remove", source, tmp_path / "all.tif", *RUN, "--save-model", model).code == 0

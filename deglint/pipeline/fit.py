@@ -22,6 +22,9 @@ from .overview import Job, Progress, overview_of, overviews, sampler_of
 from .recipe import Recipe, make_request
 from .sample import Sampled, Training, chosen, fit_sampled, fit_training, read_training
 
+OTHER_UNITS = 100.0
+"""Ratio of the NIR of a scene to the glint-free NIR of a given model from which on units may differ: under strong glint
+it is about 30, and reflectance is stored in units of 1/10,000."""
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched for
 
 
@@ -236,6 +239,10 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
         overview = overview_of(scene, model.indexes[0].bands[0], threads)  # the NIR, as in a fit
         fitted = replace(fitted, water=overview.water, water_bands=overview.bands)
     note, of_water = f"model {model.method}, fitted before", log_water(fitted.water, recipe.mask)
+    level, found = model.indexes[0].level, fitted.water.nir_level if fitted.water else 0.0
+    if level > 0 and fitted.water and not 1 / OTHER_UNITS < found / level < OTHER_UNITS:
+        said = "the NIR of the water is about %.3g, and the glint-free NIR of the model %.3g: units may differ"
+        log.warning(said, found, level)
     log.info("compensation: %s", chain.text or "none")  # as after a fit
     log_model(model, [note])
     return replace(fitted, notes=(note, *of_water))
