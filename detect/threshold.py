@@ -185,8 +185,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     tail = _tail(scores, pfa)
     if (allowed := math.floor(pfa * tail.n * (1 + 1e-12))) < 1:
         raise InputError(
-            f"pfa: {pfa:g} of {tail.n} valid scores is less than one pixel. Give {1.05 / tail.n:.2g} or more, or more "
-            "pixels; with enough pixels, --threshold gpd allows lower rates."  # rounding to two digits takes up to 5 %
+            f"pfa: {pfa:g} of {tail.n} valid scores is less than one pixel. Give {1.05 / tail.n:.2g} or more, or a "
+            "scene with more pixels."  # rounding to two digits takes up to 5 %
         )
     if allowed >= len(tail.values):
         raise InputError(f"pfa: {pfa:g} of {tail.n} scores is {allowed}, the tail keeps {len(tail.values)}. Keep more.")

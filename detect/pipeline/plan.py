@@ -18,7 +18,7 @@ from deglint.readers.areas import Area, open_area
 from deglint.readers.grid import ground_area, pixel_size
 from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
 from deglint.readers.text import read_json, read_text
-from deglint.scene import Scene
+from deglint.scene import Scene, image_bands
 from deglint.tiles import Tile
 
 from ..arrays import Array, Mask, Uint8
@@ -167,7 +167,9 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[R
                 raise
             why = re.split(r"; |\. |, so that", str(error))[0]
     if recipe.false_per_km2 is not None:
-        raise InputError(f"--false-per-km2 needs method sea; auto chose {method} ({why}). Give --pfa, or --method sea.")
+        raise InputError(
+            f"--false-per-km2 needs method sea; auto chose {method} ({why}). Give --pfa, or the water: --mask."
+        )
     return *_masked(scene, replace(recipe, method=method), threads), f"method auto: {method} ({why})"
 
 
@@ -184,10 +186,11 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
     """0-based bands to use: those that the saved background `given` names, in its order; else `recipe.bands`; else for
-    "sea" the visible bands, if at least two are known; else all. Raises BandError if `given` and recipe do not match.
+    "sea" the visible bands, if at least two are known; else all images (`image_bands`). Raises BandError if `given` and
+    recipe do not match.
     """
     own = tuple(scene.index(name) for name in given.names) if given else ()
-    bands = own or tuple(range(len(scene.bands)))
+    bands = own or tuple(image_bands(scene.bands, ()))
     if recipe.bands:
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
     elif not own and recipe.method == "sea":

@@ -209,6 +209,15 @@ def test_auto_with_p_values_takes_the_method_of_an_option(rxdetect, scene, tmp_p
     assert json.loads(ran.out)["recipe"]["method"] == method
 
 
+def test_a_band_of_classes_is_not_scored_without_being_named(rxdetect, sea, write, tmp_path):
+    classes = np.full((1, *sea().shape[1:]), 6, np.uint16)
+    path = write(tmp_path / "a.tif", np.concatenate([sea(), classes]), names=["blue", "green", "red", "nir", "SCL"])
+    ran = rxdetect("score", path, tmp_path / "s.tif", "--method", "rx", "-v")
+    assert "rx on 4 bands: blue, green, red, nir" in ran.err
+    ran = rxdetect("score", path, tmp_path / "s.tif", "--method", "rx", "-v", "-b", "blue,nir,SCL", "--overwrite")
+    assert "rx on 3 bands: blue, nir, SCL" in ran.err
+
+
 def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, write):
     west, north = 400_000, 800_000
     ring = [(west, north), (west + 1000, north), (west + 1000, north - 2000), (west, north - 2000), (west, north)]
