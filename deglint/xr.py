@@ -231,8 +231,9 @@ def _by_variables(dataset: "Dataset", work: "Callable[[DataArray], DataArray]") 
     """Call `work` on each variable with a dimension band or, if there is none, on the variables stacked as bands."""
     if deep := _with_bands(dataset):
         return dataset.assign({n: work(dataset[n]) for n in deep})
-    clean = work(stack(dataset))
-    return dataset.assign({n: dataset[n].copy(data=clean.sel(band=n).data) for n in clean.band.values.tolist()})
+    clean, names = work(stack(dataset)), {str(n): n for n in dataset.data_vars}  # of bands, and of variables
+    bands = [(names[band], clean.sel(band=band).data) for band in clean.band.values.tolist()]
+    return dataset.assign({n: dataset[n].copy(data=data) for n, data in bands})
 
 
 def _with_bands(dataset: "Dataset") -> list[Hashable]:
@@ -252,7 +253,8 @@ def stack(dataset: "Dataset") -> "DataArray":
         if len(deep) > 1:
             raise InputError(f"{', '.join(map(str, deep))} have bands of their own. Pick one of them first.")
         return dataset[deep[0]]
-    names = [str(n) for n in dataset.data_vars if dataset[n].ndim >= 2]
+    dataset = dataset.rename({n: str(n) for n in dataset.data_vars})  # names may be numbers
+    names = [n for n in dataset.data_vars if dataset[n].ndim >= 2]
     if len({dataset[n].dims for n in names}) != 1:
         said = ", ".join(f"{n} {dataset[n].dims}" for n in names)
         raise InputError(f"want variables that share their dimensions, one a band, got {said}. Pick them first.")

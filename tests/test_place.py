@@ -62,6 +62,9 @@ def test_without_coordinates_pixels_have_the_nominal_size_of_the_satellite(write
     satellite = write(tmp_path / "b.tif", image, **nowhere, names=["B02", "B03", "B04", "B08"])
     assert pixel_size(open_scene(drone)) is None
     assert pixel_size(open_scene(satellite)) == 10
+    local = write(tmp_path / "c.tif", image, crs=None, names=["B02", "B03", "B04", "B08"])
+    assert open_scene(local).transform is not None
+    assert pixel_size(open_scene(local)) == 10
     assert pixel_size(open_scene(drone, sensor="planetscope4")) == 3
     bands = [f'{{ name = "{n}", wavelength = {w} }}' for n, w in (("Blue", 475), ("Green", 560), ("NIR", 842))]
     own = tmp_path / "own.toml"

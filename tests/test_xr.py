@@ -295,6 +295,15 @@ def test_the_accessor_is_the_functions(sea):
     xarray.testing.assert_identical(several.deglint.apply(fitted), deglint.xr.remove(several, HEDLEY))
 
 
+def test_variables_may_have_numbers_as_names(sea):
+    """As `to_dataset("band")` of an array from rioxarray gives them."""
+    bands = [(("y", "x"), band, {"long_name": NAMES}) for band in sea(60, 70)]
+    named = deglint.xr.remove(xarray.Dataset(dict(zip(NAMES, bands, strict=True))), HEDLEY)
+    clean = deglint.xr.remove(xarray.Dataset(dict(enumerate(bands, 1))), HEDLEY)
+    for n, name in enumerate(NAMES, 1):
+        np.testing.assert_array_equal(clean[n], named[name])
+
+
 @pytest.mark.parametrize("place", ["attrs", "encoding"])
 def test_variables_keep_the_nodata_and_the_scale_of_their_own(sea, place):
     raw = sea(60, 70)

@@ -33,9 +33,9 @@ def log_scene(scene: Scene, *, pixel: bool = True) -> None:
         read = not scene.sensor or any(time_offset(band) is not None for band in tags)
         source = "read from file" if read else f"known for {scene.sensor}"
         log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
-    if pixel and (scene.transform is None or scene.transform.is_identity):
+    if pixel and (scene.crs is None or scene.transform is None or scene.transform.is_identity):
         size = pixel_size(scene)
-        log.info("no georeference: pixel size is assumed to be %s", f"{size:g} m" if size else "below 1 m")
+        log.info("no georeference with a CRS: pixel size is assumed to be %s", f"{size:g} m" if size else "below 1 m")
     for line in scene.notes:  # notes of products and on assumptions are shown without -v, too
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 

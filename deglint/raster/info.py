@@ -162,6 +162,8 @@ def remedy(path: str, said: str = "") -> str:
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
             "(GDAL_HTTP_LOW_SPEED_TIME, GDAL_HTTP_MAX_RETRY in the environment)."
         )
+    if "instead of the .hdr" in said:
+        return "The pixels are in the file of this name without .hdr, or with another ending."
     return "The file is truncated or damaged: copy or download it again."
 
 
@@ -237,8 +239,8 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
 
 def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
     if not bands:
-        inside = ", ".join(dataset.subdatasets[:3])
-        advice = f"It holds other rasters; name one of them: {inside}" if inside else "Name another file."
+        inside = " ".join(dataset.subdatasets)
+        advice = f"It holds other rasters; name those of the scene: {inside}" if inside else "Name another file."
         raise InputError(f"{path} holds no band of its own. {advice}")
     for i in bands:
         if "complex" in dataset.dtypes[i - 1]:

@@ -243,10 +243,11 @@ def ground_size(transform: Affine | None, crs: Any, height: int, width: int) -> 
 def pixel_size(scene: Scene) -> float | None:
     """Geometric mean of a pixel's sides on the ground [m]; None if it is not known.
 
-    Without a transform, the value is that of the tag GSD_M or, if this is missing, the nominal value of the sensor.
+    Without a transform or a CRS, the value is that of the tag GSD_M or, if this is missing, the nominal value of the
+    sensor.
     """
     info = getattr(scene.source, "info", None)
-    if scene.transform is None or scene.transform.is_identity:
+    if scene.transform is None or scene.transform.is_identity or scene.crs is None:
         tags = info.tags.get("", {}) if info is not None else {}
         return positive(tags.get("GSD_M")) or nominal_pixel(scene)
     sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)

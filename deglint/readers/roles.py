@@ -124,7 +124,7 @@ def _no_nir(scene: Scene) -> str:
     if None in known:
         remedy = (
             f'Name the bands in their order, such as --bands "{example}", or give --wavelengths (the centres of all '
-            f"{len(known)} bands in nm), --sensor NAME, or the NIR alone: --nir NUMBER"
+            f"{len(known)} bands in nm) or --sensor NAME"
         )
     return f"no near-infrared band (750-1050 nm) is known in {what}; it has {bands}. {remedy}."
 
