@@ -302,7 +302,7 @@ def test_what_saturates_is_not_detectable():
         ({"reflectance": 15.0}, "Give a share"),
         ({"wind": np.nan}, "wind must be a finite number"),
         ({"time": np.datetime64("NaT", "s")}, r"\btime .*like 2026-06-21T18:00Z.* NaT"),
-        ({"slopes": "nonsense"}, "slopes must be one of cox-munk"),
+        ({"slopes": "nonsense"}, "is not one of cox-munk"),
         ({"step": 0.0}, r"\bstep .*0.25 to 10"),
         ({"widest": 90.0}, "widest must be"),
     ],

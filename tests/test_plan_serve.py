@@ -91,7 +91,7 @@ def test_a_plan_for_the_sliders(port):
         ("wind=900", "wind must be 0.1 to 19.6 m/s"),
         ("depth=deep", "could not convert string to float: 'deep'"),
         ("time=2026-06-21T08:00Z", "1 degree high at"),
-        ("sensor=hubble", "sensor must be one of"),
+        ("sensor=hubble", "is not one of"),
         ("band=purple", "no band 'purple'"),
     ],
 )

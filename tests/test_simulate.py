@@ -365,7 +365,7 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
             "object must lie in the scene, 0 to 16 m right",
         ),
         ({"misregistration": ((0.0, 0.0),)}, "one (down, right) per band (8) ... 1"),
-        ({"sky": "overcast"}, "sky must be one of uniform"),
+        ({"sky": "overcast"}, "is not one of uniform"),
         ({"domain": 2.0}, "grid must span at least one peak wave, 8.169 m"),
         ({"sensor": preset("micasense"), "wind": 18.0}, "facets ... at most 67108864, got"),
         ({"sensor": preset("sentinel2")}, "grid step must be at most"),

@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import check_choice
 from ..errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -63,8 +64,8 @@ class Checked:
     def __post_init__(self) -> None:
         for own in fields(cast("Any", self)):
             value = getattr(self, own.name)
-            if "allowed" in own.metadata:
-                choice(own.name, value, own.metadata["allowed"])
+            if "allowed" in own.metadata and not (value is None and None in own.metadata["allowed"]):
+                check_choice(value, [word for word in own.metadata["allowed"] if word], own.name)
             if "range" in own.metadata and value is not None:
                 object.__setattr__(self, own.name, _ranged_value(own, value, own.default))
 
@@ -106,9 +107,3 @@ def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Arra
 def day_number(day: npt.ArrayLike) -> Array:
     """Return days of the year (fractions are allowed) as float64; raise InputError if one is outside 1 to 367."""
     return within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
-
-
-def choice(name: str, value: object, allowed: Iterable[object]) -> None:
-    """Raise InputError if `value` is not in `allowed`; `name` is the name of the parameter, for the message."""
-    if value not in list(allowed):  # `in` a dict would fail for a value that cannot be hashed
-        raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
 
-from ._checks import choice
+from ..checks import check_choice
 from .sensor import Sensor, SensorBand
 
 
@@ -35,5 +35,5 @@ def preset(name: str) -> Sensor:
     >>> preset("worldview3").gsd
     1.24
     """
-    choice("preset", name, PRESETS)
+    check_choice(name, list(PRESETS), "preset")
     return PRESETS[name]

@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
+from ..checks import check_choice
 from . import fresnel, slopes
-from ._checks import Array, choice, sun_angle, view_angle, within
+from ._checks import Array, sun_angle, view_angle, within
 
 SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")  # names of the sky models
 NODES = 100  # number of nodes on each slope axis in the integral of `reflectance`; its relative error is below 5e-4
@@ -54,7 +55,7 @@ def radiance(
     >>> float(radiance(0, 0, 30, 180, model="harrison-coombes").round(4))
     0.2694
     """
-    choice("model", model, SKY_MODELS)
+    check_choice(model, list(SKY_MODELS), "model")
     zenith = within("zenith", zenith, 0.0, 90.0, "degrees", "Directions below the horizon see no sky.")
     turn = np.radians(np.asarray(azimuth, dtype=np.float64) - np.asarray(sun_azimuth, dtype=np.float64))
     cosine, turn = np.broadcast_arrays(np.cos(np.radians(zenith)), turn)

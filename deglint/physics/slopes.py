@@ -23,7 +23,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from ._checks import Array, choice, within
+from ..checks import check_choice
+from ._checks import Array, within
 
 WIND_RANGE = (0.1, 20.0)  # range of wind speeds of the models [m/s]; Cox and Munk measured at 1 to 14
 _DRAG = 1.3e-3  # drag coefficient at 10 m [1], for the logarithmic profile of the wind
@@ -135,7 +136,7 @@ def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, A
     >>> [float(v.round(5)) for v in variances(9.0)]
     [0.02844, 0.02028]
     """
-    choice("model", model, MODELS)
+    check_choice(model, list(MODELS), "model")
     wind = within("wind", wind, *WIND_RANGE, "m/s", "The slope models hold in this range only.")
     up, cross = MODELS[model].upwind, MODELS[model].crosswind
     return up[0] + up[1] * wind, cross[0] + cross[1] * wind

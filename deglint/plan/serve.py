@@ -17,8 +17,8 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
+from ..checks import check_choice
 from ..errors import DeglintError, InputError
-from ..physics._checks import choice
 from ..physics.presets import PRESETS
 from .draw import png
 from .mission import Mission
@@ -130,7 +130,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, object]:
         mission = replace(mission, air=replace(mission.weather, visibility=float(asked["visibility"])))
     sensor = asked.get("sensor", base.sensor.name)
     if sensor != base.sensor.name:
-        choice("sensor", sensor, PRESETS)
+        check_choice(sensor, list(PRESETS), "sensor")
         mission = replace(mission, sensor=PRESETS[sensor], bands=())
     plan = reticle(mission)
     band = asked.get("band") or None

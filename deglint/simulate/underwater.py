@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import check_choice
 from ..errors import InputError
-from ..physics._checks import Checked, Floats, choice, ranged
+from ..physics._checks import Checked, Floats, ranged
 from .materials import SPECTRA
 
 LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0  # range of depths of a bottom [m]; light from a deeper bottom is negligible
@@ -46,7 +47,7 @@ class Bottom(Checked):
         if self.edge is not None and not self.edge[1] > 0:
             raise InputError(f"edge must have a width above 0 m, got {self.edge[1]:g}; give (middle, width) [m]")
         for name in self.materials:
-            choice("material", name, SPECTRA)
+            check_choice(name, list(SPECTRA), "material")
 
 
 def depth_and_patches(

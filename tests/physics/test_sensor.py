@@ -210,7 +210,7 @@ def test_a_shift_looks_further_down_and_right():
 @pytest.mark.parametrize(
     ("make", "error", "words"),
     [
-        (lambda: preset("landsat"), InputError, "preset must be one of thesis"),
+        (lambda: preset("landsat"), InputError, "is not one of thesis"),
         (lambda: THESIS.band("cirrus"), BandError, "it has COASTAL"),
         (lambda: replace(THESIS, pitch=8.0), InputError, "pitch ... 1e-07 to 0.001 m ... 8"),
         (lambda: replace(THESIS, bits=20), InputError, "bits must be 1 to 16"),
