@@ -129,7 +129,7 @@ def test_one_band(refused, sea, write, tmp_path):
 def test_no_nir_lists_the_bands_and_the_option(refused, sea, write, tmp_path):
     said = refused(write(tmp_path / "in.tif", sea(), names=["a", "b", "c", "d"]))
     assert "1 a, 2 b, 3 c, 4 d" in said
-    assert "--nir" in said
+    assert "--bands" in said
 
 
 def test_a_constant_nir(refused, sea, write, tmp_path):

@@ -140,6 +140,23 @@ def test_a_stac_item_is_a_scene(deglint, files, tmp_path, new):
     assert ran.code == 0, ran.err
 
 
+def test_units_that_may_differ_are_told(deglint, sea, write, tmp_path):
+    raw = sea()
+    counts = write(tmp_path / "a_B03.tif", raw[:1])
+    reflectance = write(tmp_path / "a_B08.tif", raw[3:].astype(np.float32) / 10_000)
+    told = "assumed to have the same unit"
+    assert told in deglint("info", counts, reflectance).out
+    assert told not in deglint("info", counts, write(tmp_path / "b_B08.tif", raw[3:])).out
+
+
+@pytest.mark.parametrize("scale", [0.0, np.nan])
+def test_a_scale_that_cannot_be_is_refused(deglint, sea, write, tmp_path, scale):
+    path = write(tmp_path / "a.tif", sea(), describe=lambda dataset: setattr(dataset, "scales", [scale] * 4))
+    said = deglint("info", path)
+    assert (said.code, "--scale 1" in said.err) == (1, True)
+    assert deglint("info", path, "--scale", "1", "--offset", "0").code == 0
+
+
 @pytest.mark.parametrize("place", ["asset", "band"])
 def test_of_several_pixel_sizes_of_a_band_the_finest_is_opened(files, tmp_path, place):
     item = item_of(files)

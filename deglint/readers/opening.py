@@ -119,6 +119,9 @@ def _stacked(
         opened.append(replace(held, infos=[asset.put_on(info) for info in held.infos]))
     notes += products.notes_of(opened)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
+    unscaled = [np.dtype(d).kind for i in infos for d, s in zip(i.dtypes, i.scales, strict=True) if s == 1]
+    if "f" in unscaled and set(unscaled) != {"f"}:
+        notes.append("integers and floating-point numbers are assumed to have the same unit (--scale, --offset)")
     files, reference, moved = put_on_grid(infos, grid)
     info = infos[0] if len(infos) == 1 else joined([own_facts(i) for i in infos], reference)
     info = _with_given(info, given)
@@ -208,13 +211,11 @@ def _with_given(info: RasterInfo, given: GivenProperties) -> RasterInfo:
             )
     if waves := every["wavelengths"]:
         info = with_spectral(info, [(w, None) for w in waves])
-    return replace(
-        info,
-        descriptions=every["bands"] or info.descriptions,
-        scales=every["scale"] or info.scales,
-        offsets=every["offset"] or info.offsets,
-        offset_given=bool(every["offset"]) or info.offset_given,
-    )
+    scales, offsets = every["scale"] or info.scales, every["offset"] or info.offsets
+    if 0 in scales or not np.isfinite([*scales, *offsets]).all():
+        raise InputError(f"{path} declares a scale of 0, or one that is no number: give --scale 1 --offset 0.")
+    names, stated = every["bands"] or info.descriptions, bool(every["offset"]) or info.offset_given
+    return replace(info, descriptions=names, scales=scales, offsets=offsets, offset_given=stated)
 
 
 def _names(given: Names | None) -> tuple[str, ...]:
