@@ -74,7 +74,7 @@ class Cluster:
                 if future.done():  # it ended just now, or `work` itself raised TimeoutError
                     return future.result()
                 if not self.client.nthreads():
-                    raise DeglintError(f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start `dask worker`.")
+                    raise DeglintError("the cluster has no worker. Start `dask worker`, or give each more memory.")
         except DeglintError:  # ReadError and WriteError are OSErrors, but no loss of the cluster
             raise
         except KilledWorker as error:

@@ -28,5 +28,5 @@ class FitError(DeglintError, ValueError):
     """The sample does not allow a fit, for example because it has too few pixels or no variation."""
 
 
-class NoWaterError(DeglintError, ValueError):
+class NoWaterError(FitError):
     """The scene was read, but contains no usable water, no pixel to correct, or too few pixels for a fit."""

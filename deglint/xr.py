@@ -25,7 +25,7 @@ import numpy as np
 from . import tiles as tiling
 from .checks import check_kind, checked_keywords
 from .compensate import Chain
-from .errors import DeglintError, FitError, InputError, NoWaterError
+from .errors import DeglintError, FitError, InputError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
@@ -221,7 +221,7 @@ def _entry(array: "DataArray", dimension: Hashable, work: "Callable[[DataArray],
     """Call `work` on an array of one entry of `dimension`; on NoWaterError or FitError, log it and return the array."""
     try:
         return work(array)
-    except (NoWaterError, FitError) as error:
+    except FitError as error:
         name = str(array[dimension].values[0]) if dimension in array.coords else "one entry"
         log.warning("%s %s: copied, not corrected: %s", dimension, name, error)
         return array

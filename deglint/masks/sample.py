@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from ..errors import FitError
+from ..errors import FitError, NoWaterError
 from ..moments import Float64, Mask
 from ..morphology import box_sum, grown, opened
 from ..scene import FloatArray
@@ -108,7 +108,7 @@ def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """
     valid = sum(int(valid_for(b, rule.roles).sum()) for b in blocks)
     if not (pairs := [(b, m) for b in blocks if (m := water(b, rule)).any()]):
-        raise FitError(f"no deep-water sample: {rule.reason}")
+        raise NoWaterError(f"no deep-water sample: {rule.reason}")
     blocks, masks = [b for b, _ in pairs], [m for _, m in pairs]
     sample = _quantisation(blocks, masks, rule)
     local = [_local(b, m, sample) for b, m in zip(blocks, masks, strict=True)]
@@ -204,7 +204,9 @@ def _choose_distance(
             break
     if not count:
         pixels = sum(int(m.sum()) for m in masks)
-        raise FitError(f"no deep-water sample: no {SIZE} x {SIZE} square is half water ({pixels} pixels are). {REMEDY}")
+        raise NoWaterError(
+            f"no deep-water sample: no {SIZE} x {SIZE} square is half water ({pixels} pixels are). {REMEDY}"
+        )
     return replace(sample, distance=distance), _gather(local, kept)
 
 

@@ -152,7 +152,7 @@ def _fit_overviews(
     for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
         try:
             return _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), of_nir)
-        except (NoWaterError, FitError):
+        except FitError:
             # an overview of a part may have missed the deep part of the water, or all water
             may_help = found or (overview.water and not overview.water.has_water)
             if overview.whole or not may_help:

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import FitError
+from ..errors import NoWaterError
 from ..moments import CELL, Float64, Mask
 from ..morphology import box_sum, grown
 from ..scene import Band, FloatArray
@@ -130,7 +130,7 @@ def fit_without_levels(ready: Prepared) -> tuple[GlintModel, Float64]:
     sets, strips = band_sets(request), request.strips
     grams = [_gathered(s, tiles, planes) for s in sets]
     if not all(len(g.grams) for g in grams):
-        raise FitError(
+        raise NoWaterError(
             "too little open water for a fit: it fills 15 % of no square of 64 x 64 pixels. Select more open water by "
             "--sample or --mask (polygons or a window), or take --method hedley --sample all."
         )
