@@ -169,6 +169,18 @@ def test_flags_and_counts_agree(made, tmp_path):
     assert np.count_nonzero(flags & 64) >= max(result.sidecar["pixels"]["replaced"].values())
 
 
+def test_only_bands_that_are_written_count_as_replaced(made, tmp_path):
+    path, _ = made()
+    with rasterio.open(path) as dataset:
+        name = dataset.descriptions[1]
+        assert "MEANING" in dataset.tags()
+    result = remove_glint(path, tmp_path / "out.tif", Recipe(compensate=OPENING, bands=(name,)))
+    replaced = result.sidecar["pixels"]["replaced"]
+    assert [band for band, count in replaced.items() if count] == [name]
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert "MEANING" not in dataset.tags()
+
+
 def written(path, array, scene):
     tags = [{"wavelength": b.wavelength, "time_offset_s": b.time_offset} for b in scene.bands]
     return write_bare(path, array, names=scene.names, band_tags=tags)

@@ -190,12 +190,12 @@ class Correction:
             if self.want_stderr:
                 left = self.left.apply(state) if self.left else state
                 errors[within] = compensate.stderr(left, self.model, self.replaced)[core]
-            if state.replaced is not None:
-                replaced[within] = state.replaced[core] & where
             if state.targets is not None:
                 targets[within] = (state.targets[core] > 0).any(axis=0) & where
             clean = with_targets(state)[core]
             for band, place in changes.items():
+                if state.replaced is not None:
+                    replaced[within][band] = state.replaced[core][band] & where
                 place[within] = where if band in removed else replaced[within][band] | targets[within]
                 np.copyto(physical[within][band], clean[band], where=place[within])
         changes = done.changes | {band: place for band, place in changes.items() if place.any()}

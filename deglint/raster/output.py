@@ -354,7 +354,7 @@ def _describe(dataset: Any, layout: Layout) -> None:
 
 
 def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -> None:
-    kept = {k: v for k, v in tags.items() if not k.startswith("STATISTICS_")}
+    kept = {k: v for k, v in tags.items() if not k.startswith(("STATISTICS_", "MEANING"))}  # these are of the input
     if kept and not namespace.startswith("xml:") and namespace not in ("RPC", "TIFF"):
         dataset.update_tags(band, **({"ns": namespace} if namespace else {}), **kept)
 

@@ -63,7 +63,8 @@ class Marker:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
             above = clutter.tail.above(value)
             rate = (above or 0) / max(clutter.tail.n, 1)
-            notes = [] if clutter.fitted else ["too few candidates to fit a distribution: the threshold is from ranks"]
+            ranks = f"the threshold is from ranks, which show no rate below {self._strata / clutter.area:.3g} per km2"
+            notes = [] if clutter.fitted else [f"too few candidates to fit a distribution: {ranks}"]
             if self._strata * (len(clutter.clouds) - 1) / clutter.area > recipe.false_per_km2:
                 notes.append(f"{len(clutter.clouds)} round objects, so probably clouds, are left out; --pfa lists them")
             got, asked = None if above is None else rate, {"false_per_km2": recipe.false_per_km2}
