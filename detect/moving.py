@@ -126,14 +126,14 @@ def _uniform_motions(places: Sequence[Float64], times: Float64, pixel: float) ->
     shares = (times - times[first]) / span
     met = [tree.query(starts + share * (ends - starts)) for tree, share in zip(trees, shares, strict=True)]
     away, nearest = zip(*met, strict=True)
-    fits = (np.array(away) <= _NEAR).all(axis=0)
+    fits = (np.array(away) <= _NEAR).all(axis=0)  # each band has a detection where the motion expects it
     track = np.stack([p[n[fits]] for p, n in zip(places, nearest, strict=True)])  # (band, motion, 3)
-    mean, late = track[:, :, :2].mean(axis=0), (times - times.mean())[:, None, None]
-    velocity = (late * track[:, :, :2]).sum(axis=0) / (late**2).sum()  # [pixel/s]
-    error = np.sqrt(((track[:, :, :2] - mean - late * velocity) ** 2).sum(axis=2).mean(axis=0))
+    mean, lag = track[:, :, :2].mean(axis=0), (times - times.mean())[:, None, None]
+    velocity = (lag * track[:, :, :2]).sum(axis=0) / (lag**2).sum()  # by least squares [pixel/s]
+    error = np.sqrt(((track[:, :, :2] - mean - lag * velocity) ** 2).sum(axis=2).mean(axis=0))
     origin, speed = mean - times.mean() * velocity, np.hypot(*velocity.T)
     heading, contrast = np.degrees(np.arctan2(velocity[:, 1], -velocity[:, 0])) % 360, track[:, :, 2].min(axis=0)
-    best = {}
+    best = {}  # motion with the least error, by the detection in the first band
     for n in np.argsort(-error, kind="stable").tolist():
         best[int(pairs[fits][n, 0])] = n
     return [

@@ -94,27 +94,27 @@ def motions(
     """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
     The motion is measured in those of the 0-based `bands` that have a time, before glint removal where that image is at
-    hand, as removal shifts the edges of boats. It is that of the nearest boat (`detect.moving`). Both numbers are None
-    if the distance to this boat exceeds the diagonal of the object plus the distance that the fastest boat travels from
-    the first to the last band, or if the boat is no brighter than motions by chance near all objects together. Raises
-    InputError if `area` (of a pixel [m2]), the CRS, or three different times are not known.
+    hand, as removal shifts the edges of boats. It is that of the brightest boat (`detect.moving`) that is no farther
+    from the object than its diagonal plus the distance that the fastest boat travels from the first to the last band.
+    Both numbers are None if there is none, or if it is not bright enough beside motions by chance near all objects.
+    Raises InputError if `area` (of a pixel [m2]), the CRS, or three different times are not known.
     """
     bands, times = delayed_bands(scene, bands)
     move = to_wgs84(scene)
     if area is None or move is None:
         raise InputError(f"--moving needs the size of a pixel; {scene.path} has no CRS of Earth. Leave out --moving.")
     raw = next((r for r in _raw_of(scene) if r.names == scene.names), scene)
-    pixel, least, nearest = math.sqrt(area), 0.0, list[Mover | None]()
+    pixel, least, boats = math.sqrt(area), 0.0, list[Mover | None]()
     reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
     for o in found:
         near = Tile(*o.bounds[0], *o.bounds[1]).grown(_SEARCH_MARGIN + reach, scene.height, scene.width)
         movers, dim = motions_in(raw.read(near.window, bands=bands), times, pixel=pixel)
         least = max(least, dim)
         placed = [replace(m, row=near.row0 + m.row, column=near.col0 + m.column) for m in movers]
-        away = [math.hypot(m.row - o.centroid[0], m.column - o.centroid[1]) for m in placed]
-        close = bool(placed) and min(away) <= reach + math.hypot(*o.footprint.shape)
-        nearest.append(placed[away.index(min(away))] if close else None)
-    return [_on_the_ground(m, pixel, move) if m and m.contrast > least else _UNKNOWN for m in nearest]
+        far = reach + math.hypot(*o.footprint.shape)
+        close = [m for m in placed if math.hypot(m.row - o.centroid[0], m.column - o.centroid[1]) <= far]
+        boats.append(max(close, key=lambda m: m.contrast, default=None))
+    return [_on_the_ground(m, pixel, move) if m and m.contrast > least else _UNKNOWN for m in boats]
 
 
 def _on_the_ground(boat: Mover, pixel: float, move: Move) -> dict[str, float | None]:

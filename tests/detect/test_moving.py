@@ -151,6 +151,20 @@ def test_only_the_boat_among_sparkle_has_a_speed(tmp_path, deglint, rxdetect):
         assert boat["heading"] == pytest.approx(60, abs=5)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("wind", "speed", "heading", "seed"), [(5, 4, 67, 31), (7, 8, 215, 35), (9, 12, 3, 39)])
+def test_boats_in_rougher_seas(tmp_path, deglint, rxdetect, wind, speed, heading, seed):
+    raw, marked = tmp_path / "boat.tif", tmp_path / "o.geojson"
+    named = ("--preset", "worldview3", "--wind", str(wind), "--size", "300", "--seed", str(seed), "--objects", "none")
+    assert deglint("simulate", *named, "--boat", f"150,150,{speed}@{heading}", raw.with_suffix("")).code == 0
+    options = ("--moving", "--pfa", "1e-4", "--objects", marked)
+    assert rxdetect("score", raw, tmp_path / "scores.tif", *options).code == 0
+    known = [f["properties"] for f in json.loads(marked.read_text())["features"]]
+    (boat,) = [p for p in known if p["speed_m_s"] is not None]
+    assert boat["speed_m_s"] == pytest.approx(speed, abs=1.5)
+    assert (boat["heading"] - heading + 180) % 360 - 180 == pytest.approx(0, abs=5)
+
+
 @pytest.mark.parametrize(("heading", "speed"), [(90.0, 5.0), (0.0, 10.0)])
 def test_speed_where_pixels_are_not_square(tmp_path, write, heading, speed):
     side = 1.2 / 111_412  # at 60 degrees north a pixel is 0.6 m wide and 1.2 m high
