@@ -4,6 +4,7 @@ import json
 import logging
 
 import pytest
+from rasterio.transform import Affine, from_origin
 
 import deglint
 from deglint import Recipe, timing
@@ -61,6 +62,13 @@ def test_a_command_shows_as_much_as_it_is_asked_for(options, shown, hidden, degl
     assert hidden not in ran.err
     assert (ran.err == "") == ("-q" in options)
     assert not any(isinstance(h, Console) for h in logging.getLogger("deglint").handlers)
+
+
+def test_a_band_on_another_grid_is_shown(deglint, sea, write, tmp_path):
+    raw, corner = sea(), from_origin(4e5, 8e5, 10, 10)
+    fine = write(tmp_path / "a_green.tif", raw[1:2], names=["green"], transform=corner)
+    coarse = write(tmp_path / "a_nir.tif", raw[3:, ::2, ::2], names=["nir"], transform=corner @ Affine.scale(2))
+    assert "to the grid of" in deglint("remove", fine, coarse, tmp_path / "out.tif", *RUN).err
 
 
 def test_errors_are_all_that_quiet_shows(deglint, sea, write, tmp_path):

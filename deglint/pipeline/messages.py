@@ -36,8 +36,9 @@ def log_scene(scene: Scene, *, pixel: bool = True) -> None:
     if pixel and (scene.crs is None or scene.transform is None or scene.transform.is_identity):
         size = pixel_size(scene)
         log.info("no georeference with a CRS: pixel size is assumed to be %s", f"{size:g} m" if size else "below 1 m")
-    for line in scene.notes:  # notes of products and on assumptions are shown without -v, too
-        log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
+    for line in scene.notes:  # notes of products, on assumptions and on other grids are shown without -v, too
+        shown = scene.product or "assumed" in line or "to the grid of" in line
+        log.log(logging.INFO if shown else logging.DEBUG, "  %s", line)
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
