@@ -30,8 +30,6 @@ Given = Background | Mask | None  # a fitted background, or the pixels to which 
 _CHUNK = 1024  # number of pixels that are scored at a time (for few bands up to 8 times as many): they fit in the cache
 _PRODUCTS = 1 << 18  # multiplications in a matrix product for up to 16 bands: so few that OpenBLAS starts no threads
 _STRIP_PIXELS = 1 << 19  # number of pixels that a thread scores at a time
-_NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
-"""Tolerated error of the mean [standard deviation], for each type of the scores."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,6 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
     """Fill `out`, (pixels,), with the scores of the pixels `flat`, (bands, pixels)."""
     matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
-    shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
     # always the same width: at the end of a shorter matrix, BLAS may add in another order, and tiles would differ
     width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
     centred = np.zeros((len(flat), width))
@@ -115,8 +112,7 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
         count = part.shape[1]
         np.subtract(part, detector.mean[:, None], out=centred[:, :count])
         z = matrix @ centred
-        if shifted:
-            z -= moved
+        z -= moved
         np.square(z[:rank], out=z[:rank])
         out[start : start + count] = np.add.reduce(z, axis=0)[:count]
 
