@@ -295,6 +295,17 @@ def test_the_accessor_is_the_functions(sea):
     xarray.testing.assert_identical(several.deglint.apply(fitted), deglint.xr.remove(several, HEDLEY))
 
 
+def test_an_array_without_names_gets_a_remedy_for_arrays(sea):
+    array = xarray.DataArray(np.concatenate([sea(), sea()[:1]]), dims=("band", "y", "x"))
+    with pytest.raises(BandError, match="long_name") as raised:
+        deglint.xr.remove(array)
+    assert "--" not in str(raised.value)
+    named = array.assign_attrs(long_name=[*NAMES, "more"])
+    waves = array.assign_coords(wavelength=("band", [480.0, 560.0, 660.0, 850.0, 1600.0]))
+    for mended in (named, waves):
+        assert deglint.xr.fit(mended, HEDLEY).model.fits
+
+
 def test_variables_may_have_numbers_as_names(sea):
     """As `to_dataset("band")` of an array from rioxarray gives them."""
     bands = [(("y", "x"), band, {"long_name": NAMES}) for band in sea(60, 70)]

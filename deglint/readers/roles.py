@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from ..checks import check_kind, described, nearest
 from ..errors import BandError, InputError
+from ..raster.source import ArraySource
 from ..scene import Scene
 from ..sensors import normalise
 from .spectral import band_code, example_names, nominal_wavelength
@@ -121,7 +122,9 @@ def _no_nir(scene: Scene) -> str:
             f"around glint (deglint plan).{hidden}"
         )
     remedy = f"Name another band beyond {VISIBLE:g} nm as NIR (--nir NUMBER), or stack a NIR band of the same image"
-    if None in known:
+    if None in known and isinstance(scene.source, ArraySource):
+        remedy = "Name its bands in the attribute long_name, or give a coordinate wavelength [nm]"
+    elif None in known:
         remedy = (
             f'Name the bands in their order, such as --bands "{example}", or give --wavelengths (the centres of all '
             f"{len(known)} bands in nm) or --sensor NAME"
