@@ -106,7 +106,7 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
     out = np.empty_like(details)
     for place, b in enumerate(order):
         beside = [details[order[i]] for i in (place - 1, place + 1) if 0 <= i < len(order)]
-        out[b] = np.minimum(details[b], np.float32(MOST) * np.max(beside, axis=0)) if beside else 0
+        out[b] = np.minimum(details[b], np.float32(MOST) * np.maximum(beside[0], beside[-1])) if beside else 0
     return out
 
 

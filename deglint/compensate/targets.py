@@ -168,8 +168,8 @@ class Excess:
 
     def at(self, places: Places) -> Float32:
         """Excess divided by `light`, (band, pixel), at the flat indices `places` of pixels."""
-        lit = zip(self.raw, self.below, self.stage.light, strict=True)
-        return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
+        lit, at = zip(self.raw, self.below, self.stage.light, strict=True), np.divmod(places, self.raw[0].shape[1])
+        return np.stack([(r[at] - m[at]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self) -> Mask:
         """Mask (row, column) of possible peaks of targets: pixels that are lit (`EXCEEDS`), with nearly the largest
