@@ -53,7 +53,6 @@ pixels, and for the posterior mean also pits, which are zero or negative in a co
 PIT_REACH, DEEP = 3, 10.0
 """Resampling digs pits beside glint: the kernels of cubic and Lanczos interpolation have negative lobes up to
 `PIT_REACH` pixels away, a tenth of the glint deep. They exceed noise beside glint of `DEEP` standard deviations."""
-AS_DARK = 1.0  # darker water [standard deviations of noise] is often zero without pits: no pits are searched for
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ class Posterior:
         taken, image = state.removed, state.image.copy()
         variance = np.zeros_like(image) if state.errors else None
         unknown = (state.raw >= np.array(self.saturation, np.float32)[:, None, None]).any(axis=0)
-        for left in (p for p in self.left if self.resolved and p.water > AS_DARK * p.sigma):
+        for left in (p for p in self.left if self.resolved and p.water > p.sigma):  # darker water is zero without pits
             beside = grown(taken[left.band] > np.float32(DEEP * left.sigma), 2 * PIT_REACH + 1)
             unknown |= (state.raw[left.band] <= 0) & beside
         for left in self.left:
