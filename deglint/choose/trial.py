@@ -23,7 +23,6 @@ from .score import EDGES, erased, expected_errors, least_glint, least_signal, le
 EQUAL_ERRORS = 1.1
 """Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen. Expected
 errors are wrong by a factor of 1.5 in the median, so that a smaller difference of two candidates may be chance."""
-REPLACING = 1.15  # factor on the error of openings, which erase small signals, if bands are not known to be delayed
 WORTH_REMOVING = 0.85  # a copy changes nothing: other candidates must promise an error below this fraction of its error
 CERTAIN = 5.0
 """A removal is refused unless its slope on the NIR exceeds zero by this many standard errors in some band: more than
@@ -96,8 +95,7 @@ class Choice:
         """Reason why the best candidate was chosen."""
         if (trial := self.trial) is None:
             return "candidates not tried: too little water, or values too large"
-        near = trial.error <= EQUAL_ERRORS * min(t.error for t in self.trials)
-        how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error" if near else "(openings are hardly better)"
+        how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error"
         return f"simplest of {len(self.trials)} candidates {how}: error {trial.error:.1%} of the water; {trial.kept}"
 
     def lines(self) -> list[str]:
@@ -174,7 +172,7 @@ def choose(
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(WIENER, failed=failed, width=disc)
-    return Choice(_best(trials, delayed=setting.delayed).candidate, tuple(trials), failed, disc)
+    return Choice(_best(trials).candidate, tuple(trials), failed, disc)
 
 
 def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
@@ -184,12 +182,12 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
     return replace(sample, states=states)
 
 
-def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
+def _best(trials: Sequence[Trial]) -> Trial:
     """First of the equally good trials (`EQUAL_ERRORS`); but if it is not much better than the copy (`WORTH_REMOVING`),
-    the copy, `trials[0]`. Unless bands are `delayed`, the first comparison multiplies opening errors by `REPLACING`.
+    the copy, `trials[0]`.
     """
-    cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
-    best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
+    least = min(t.error for t in trials)
+    best = next(t for t in trials if t.error <= EQUAL_ERRORS * least)
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
 
 
@@ -222,7 +220,7 @@ def _judged(
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         0.0 if spectrum is None else _own_signal(sample, inside, unit, setting, spectrum),
-        EDGES if setting.delayed else 0.0,  # of simultaneous bands openings erase small signals, as `REPLACING` says
+        EDGES if setting.delayed else 0.0,  # of simultaneous bands openings may erase small signals
     )
     opened = [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):
