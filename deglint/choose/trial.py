@@ -220,7 +220,7 @@ def _judged(
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         0.0 if spectrum is None else _own_signal(sample, inside, unit, setting, spectrum),
-        EDGES if setting.delayed else 0.0,  # of simultaneous bands openings may erase small signals
+        EDGES if setting.delayed else 0.0,  # of simultaneous bands the posterior mean is good, too
     )
     opened = [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):

@@ -129,7 +129,7 @@ class Posterior:
         taken, image = state.removed, state.image.copy()
         variance = np.zeros_like(image) if state.errors else None
         unknown = (state.raw >= np.array(self.saturation, np.float32)[:, None, None]).any(axis=0)
-        for left in (p for p in self.left if self.resolved and p.water > p.sigma):  # darker water is zero without pits
+        for left in (p for p in self.left if self.resolved and p.water > p.sigma):  # darker water is often zero
             beside = grown(taken[left.band] > np.float32(DEEP * left.sigma), 2 * PIT_REACH + 1)
             unknown |= (state.raw[left.band] <= 0) & beside
         for left in self.left:
